@@ -1,0 +1,1 @@
+"""The services: one thin shell per container."""

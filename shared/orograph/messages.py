@@ -1,0 +1,348 @@
+"""All messages between nodes, in one file: each field says dtype, shape, unit and bounds.
+
+Nodes exchange these objects; `edge/wire.py` packs them. Nothing here does I/O. Integers and packed records on
+everything that a map is folded from; floats only for poses, which must be finite.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+SCHEMA_VERSION: Final = 1
+FRAGMENT_MAX_BYTES: Final = 30_000
+"""Largest piece on the wire (zenoh.md 5); the bus cuts a longer message and joins it again."""
+MESSAGE_MAX_BYTES: Final = 2_000_000
+"""No message is longer than this; a longer one is rejected before it is read."""
+
+Packed = npt.NDArray[Any]
+
+RECORD: Final = np.dtype(
+    [
+        ("cell", "<u4"),  # row * cols + col in the GLRM
+        ("seq", "<u4"),  # per robot and epoch, grows with each change of the register
+        ("tick", "<u4"),  # simulation time of the newest scan in it [ms]
+        ("height", "<i4"),  # [mm]
+        ("gradient_x", "<i2"),  # [1e-4 m/m], saturated; UNKNOWN_GRADIENT
+        ("gradient_y", "<i2"),
+        ("occupation", "u1"),  # [1/254]; UNKNOWN_OCCUPATION
+        ("confidence", "u1"),  # 1..255; 0 only for "no evidence"
+    ]
+)
+UNKNOWN_GRADIENT: Final = -32768
+UNKNOWN_OCCUPATION: Final = 255
+OCCUPATION_ONE: Final = 254
+
+ROW_RECORD: Final = np.dtype([("epoch", "<u4"), *[(n, RECORD[n]) for n in RECORD.names or ()]])
+"""A register with the epoch in which it was written: the robot's own row as the manager holds it."""
+
+CELL: Final = np.dtype(
+    [
+        ("cell", "<u4"),
+        ("version", "<u4"),  # manager's version in which the cell last changed
+        ("height", "<i4"),
+        ("gradient_x", "<i2"),
+        ("gradient_y", "<i2"),
+        ("occupation", "u1"),
+        ("confidence", "u1"),
+    ]
+)
+"""One GLRM cell on its way to the robots."""
+
+ACKED: Final = np.dtype([("cell", "<u4"), ("seq", "<u4")])
+POSE: Final = np.dtype([("position_m", "<f8", (3,)), ("quaternion_wxyz", "<f8", (4,)), ("present", "u1")])
+POINT_XY: Final = np.dtype([("x_m", "<f8"), ("y_m", "<f8")])
+RANGE_UNIT_M: Final = 0.002
+"""Ranges travel as u2 in steps of 2 mm; 0 means no return."""
+
+
+def integer(low: int, high: int, unit: str = "") -> Any:
+    """A whole-number field within [low, high]."""
+    return field(metadata={"kind": "int", "low": low, "high": high, "unit": unit})
+
+
+def number(low: float, high: float, unit: str = "") -> Any:
+    """A finite float field within [low, high]."""
+    return field(metadata={"kind": "float", "low": low, "high": high, "unit": unit})
+
+
+def text(max_length: int, doc: str = "") -> Any:
+    """A short string field."""
+    return field(metadata={"kind": "str", "high": max_length, "unit": doc})
+
+
+def flag(doc: str = "") -> Any:
+    """A true / false field."""
+    return field(metadata={"kind": "bool", "unit": doc})
+
+
+def raw(max_bytes: int, doc: str = "") -> Any:
+    """A bytes field."""
+    return field(metadata={"kind": "bytes", "high": max_bytes, "unit": doc})
+
+
+def array(dtype: np.dtype[Any] | str, shape: tuple[int | None, ...], max_items: int, unit: str = "") -> Any:
+    """An array field: dtype, shape (None = any length) and the greatest number of items."""
+    meta = {"kind": "array", "dtype": np.dtype(dtype), "shape": shape, "high": max_items, "unit": unit}
+    return field(metadata=meta)
+
+
+STAMP_MAX_NS: Final = 2**62
+CELLS_MAX: Final = 4_000_000
+U4: Final = 2**32 - 1
+
+
+def _stamp() -> Any:
+    return integer(0, STAMP_MAX_NS, "ns of simulation time")
+
+
+# --- sim plane: wires and the world itself ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """World -> every laser: poses of all moving bodies, robots first by number, then vehicles."""
+
+    stamp_ns: int = _stamp()
+    poses: Packed = array(POSE, (None,), 2_000)
+
+
+@dataclass(frozen=True, eq=False)
+class Sensors:
+    """World -> navigator: GPS, IMU (with attitude) and wheel odometry of one robot since the last frame."""
+
+    stamp_ns: int = _stamp()
+    gps_quality: int = integer(0, 2, "0 none (position then meaningless), 1 single, 2 differential")
+    gps_x_m: float = number(-1e6, 1e6)
+    gps_y_m: float = number(-1e6, 1e6)
+    gps_z_m: float = number(-1e5, 1e5)
+    roll_rad: float = number(-4, 4)
+    pitch_rad: float = number(-4, 4)
+    yaw_rad: float = number(-4, 4)
+    yaw_rate_radps: float = number(-100, 100)
+    odometry_v_mps: float = number(-100, 100, "mean over the frame, from the wheels")
+    odometry_yaw_rate_radps: float = number(-100, 100, "mean over the frame, from the wheels")
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """Laser -> robot-mapping: one range image."""
+
+    stamp_ns: int = _stamp()
+    ranges: Packed = array("<u2", (None, None), 500_000, "(rings, columns) in RANGE_UNIT_M, 0 = no return")
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Navigator -> robot-mapping: estimated pose of the robot's base in the map frame."""
+
+    stamp_ns: int = _stamp()
+    x_m: float = number(-1e6, 1e6)
+    y_m: float = number(-1e6, 1e6)
+    z_m: float = number(-1e5, 1e5)
+    roll_rad: float = number(-4, 4)
+    pitch_rad: float = number(-4, 4)
+    yaw_rad: float = number(-4, 4)
+    position_sigma_m: float = number(0, 1e6, "one sigma of x, y")
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Navigator -> world: wanted speed of the robot's body until the next one (stops after 0.5 s without)."""
+
+    stamp_ns: int = _stamp()
+    v_mps: float = number(-20, 20)
+    yaw_rate_radps: float = number(-20, 20)
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningMap:
+    """Robot-mapping -> navigator: occupation of the HRM (evidence over prior) or of the GLRM copy."""
+
+    stamp_ns: int = _stamp()
+    x0_m: float = number(-1e6, 1e6, "outer corner of cell (0, 0)")
+    y0_m: float = number(-1e6, 1e6)
+    cell_m: float = number(1e-3, 1e3)
+    is_global: bool = flag("True: the GLRM copy; False: the HRM")
+    occupation: Packed = array("u1", (None, None), CELLS_MAX, "(rows, cols) in 1/254, 255 = unknown")
+
+
+# --- radio plane: the map protocol (protocol.md) --------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Hello:
+    """Robot-mapping -> map-manager: a robot that starts asks for its next epoch."""
+
+    nonce: bytes = raw(16)
+
+
+@dataclass(frozen=True, eq=False)
+class Welcome:
+    """Map-manager -> robot-mapping: the epoch granted for that nonce, and one part of the robot's own row."""
+
+    nonce: bytes = raw(16)
+    epoch: int = integer(1, U4)
+    part: int = integer(0, 65_535)
+    parts: int = integer(1, 65_536)
+    row: Packed = array(ROW_RECORD, (None,), 1024)
+
+
+@dataclass(frozen=True, eq=False)
+class Fenced:
+    """Map-manager -> robot-mapping: your epoch is over, a later hello won."""
+
+    epoch: int = integer(1, U4, "the epoch that is fenced")
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Robot-mapping -> map-manager: registers that changed."""
+
+    epoch: int = integer(1, U4)
+    records: Packed = array(RECORD, (None,), 256)
+
+
+@dataclass(frozen=True, eq=False)
+class Ack:
+    """Map-manager -> robot-mapping: these would survive kill -9 now."""
+
+    epoch: int = integer(1, U4)
+    acked: Packed = array(ACKED, (None,), 256)
+
+
+@dataclass(frozen=True, eq=False)
+class Delta:
+    """Map-manager -> all robots (one beat), or -> one robot (answer to CellsRequest): changed GLRM cells.
+
+    A beat is cut into parts; `first_version` < `last_version` span the whole beat. It applies on a copy whose version is
+    at least `first_version`. A repair (`repair` True) may be applied on any version and does not raise it unless
+    it is a complete answer "since version".
+    """
+
+    manager_epoch: int = integer(1, U4)
+    first_version: int = integer(0, U4, "copy must already hold this version")
+    last_version: int = integer(0, U4, "copy holds this version after all parts")
+    part: int = integer(0, 65_535)
+    parts: int = integer(1, 65_536)
+    repair: bool = flag()
+    cells: Packed = array(CELL, (None,), 1024)
+
+
+@dataclass(frozen=True, eq=False)
+class Digest:
+    """Map-manager -> all robots, every 2 s: version and hash of every tile."""
+
+    manager_epoch: int = integer(1, U4)
+    version: int = integer(0, U4)
+    tiles: Packed = array("u1", (None, 16), 16 * 65_535, "(tiles, 16) blake2b-128 per tile of 20 x 20 cells")
+
+
+@dataclass(frozen=True, eq=False)
+class CellsRequest:
+    """Robot-mapping -> map-manager: send me what changed since `since_version`, or all of these tiles."""
+
+    manager_epoch: int = integer(0, U4, "0 = I know none: send everything")
+    since_version: int = integer(0, U4)
+    tiles: Packed = array("<u2", (None,), 65_535, "empty: by version; else whole tiles")
+
+
+# --- radio plane: missions ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Mission:
+    """Orchestrator -> navigator: waypoints to visit in order; repeated until the status shows it was taken."""
+
+    number: int = integer(1, U4, "later missions replace earlier ones")
+    waypoints: Packed = array("<u2", (None,), 4_096, "indices into the scenario's patrol")
+    flush: bool = flag("True: the patrol is over, stay where there is radio")
+
+
+@dataclass(frozen=True, eq=False)
+class RobotStatus:
+    """Navigator -> orchestrator, every second."""
+
+    stamp_ns: int = _stamp()
+    mission: int = integer(0, U4, "number of the mission it holds, 0 = none")
+    visited: Packed = array("<u2", (None,), 4_096, "patrol indices it has ever visited")
+    given_up: Packed = array("<u2", (None,), 4_096, "patrol indices it can't reach and hands over")
+    state: str = text(16, "idle | driving | blocked | recovering | returning | done")
+    x_m: float = number(-1e6, 1e6)
+    y_m: float = number(-1e6, 1e6)
+
+
+@dataclass(frozen=True, eq=False)
+class Phase:
+    """Orchestrator -> robot-mapping and map-manager, every second: where the run stands."""
+
+    name: str = text(16, "mapping | flush | end")
+
+
+@dataclass(frozen=True, eq=False)
+class MappingStatus:
+    """Robot-mapping -> orchestrator, every second."""
+
+    stamp_ns: int = _stamp()
+    flushed: bool = flag("every cell that differs from what was acknowledged has been sent and acknowledged")
+    waiting_cells: int = integer(0, CELLS_MAX)
+    copy_version: int = integer(0, U4)
+    copy_hash: bytes = raw(16, "blake2b-128 of the GLRM copy, computed in the flush phase; empty before")
+
+
+@dataclass(frozen=True, eq=False)
+class ManagerStatus:
+    """Map-manager -> orchestrator, every second."""
+
+    stamp_ns: int = _stamp()
+    version: int = integer(0, U4)
+    glrm_hash: bytes = raw(16, "computed in the flush phase; empty before")
+    confident_cells: int = integer(0, CELLS_MAX, "cells with confidence >= 64")
+
+
+# --- sim plane: from the orchestrator to the world ---------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class RunEnd:
+    """Orchestrator -> world: stop the clock after this frame."""
+
+    complete: bool = flag("False: time was up, or a robot never flushed")
+    copies_equal: bool = flag("every robot's copy has the manager's hash")
+
+
+Message = (
+    Bodies | Sensors | Scan | Pose | Drive | PlanningMap | Hello | Welcome | Fenced | Batch | Ack | Delta | Digest
+    | CellsRequest | Mission | RobotStatus | Phase | MappingStatus | ManagerStatus | RunEnd
+)  # fmt: skip
+KINDS: Final[dict[str, type[Any]]] = {
+    cls.__name__: cls
+    for cls in (
+        Bodies, Sensors, Scan, Pose, Drive, PlanningMap, Hello, Welcome, Fenced, Batch, Ack, Delta, Digest,
+        CellsRequest, Mission, RobotStatus, Phase, MappingStatus, ManagerStatus, RunEnd,
+    )
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Envelope:
+    """A message on its way: who sent it to whom, on which plane, in which frame, as which of that frame's messages."""
+
+    plane: str
+    to: str
+    sender: str
+    frame: int
+    index: int
+    message: Message
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One round of simulation time: every node steps once per frame with what was sent in the frame before."""
+
+    index: int
+    stamp_ns: int
+    duration_ns: int

@@ -1,0 +1,244 @@
+"""What a run is: the scenario file's vocabulary, with defaults beside fields (the scenario says *what*).
+
+Positions are metres in the map frame, angles radians in code and degrees in the file where the name says so.
+Checked with pydantic, the one exception to "words need NumPy only"; reading the file is `edge/scenario_file.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, model_validator
+
+from orograph.grid import Grid
+
+Metres = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
+PointM = tuple[Metres, Metres]
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class Part(BaseModel):
+    """Frozen, no unknown keys: a typing mistake in a file is an error, not a silent default."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class GridSpec(Part):
+    """GLRM grid."""
+
+    origin_m: PointM = (0.0, 0.0)
+    cell_m: PositiveFloat = 5.0
+    rows: Annotated[int, Field(ge=4, le=2000)] = 200
+    cols: Annotated[int, Field(ge=4, le=2000)] = 200
+
+    @property
+    def grid(self) -> Grid:
+        """The GLRM's grid."""
+        return Grid(self.origin_m, self.cell_m, (self.rows, self.cols))
+
+
+class HrmSpec(Part):
+    """Rolling high-resolution map: square, `cells` on a side, `per_glrm_cell` of them along one GLRM cell."""
+
+    cells: Annotated[int, Field(ge=20, le=2000)] = 320
+    per_glrm_cell: Annotated[int, Field(ge=1, le=100)] = 10
+
+    @model_validator(mode="after")
+    def _whole_blocks(self) -> Self:
+        if self.cells % self.per_glrm_cell:
+            raise ValueError(f"cells ({self.cells}) must be a multiple of per_glrm_cell ({self.per_glrm_cell})")
+        return self
+
+
+class RulesSpec(Part):
+    """Fusion rules of one's own, where neither `paper` nor `default` fits."""
+
+    half_life_s: Annotated[float, Field(gt=0)] = math.inf
+    height_gate_m: Annotated[float, Field(gt=0)] = math.inf
+    similarity_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
+    printed_equation_12: bool = False
+
+
+class Wave(Part):
+    """One sine of the terrain: amplitude * sin(2 pi (x cos h + y sin h) / wavelength + phase)."""
+
+    amplitude_m: Annotated[float, Field(ge=0, le=100)]
+    wavelength_m: Annotated[float, Field(ge=10)]
+    heading_deg: float = 0.0
+    phase_deg: float = 0.0
+
+
+class TerrainSpec(Part):
+    """Ground: a tilted plane plus waves."""
+
+    height_m: Metres = 0.0
+    slope_x: Annotated[float, Field(ge=-0.3, le=0.3)] = 0.0
+    slope_y: Annotated[float, Field(ge=-0.3, le=0.3)] = 0.0
+    waves: tuple[Wave, ...] = ()
+    mesh_cell_m: PositiveFloat = 2.0
+
+
+class Building(Part):
+    """A footprint (counter-clockwise or clockwise, not closed) raised to its height over the ground at its centroid."""
+
+    footprint: Annotated[tuple[PointM, ...], Field(min_length=3)]
+    height_m: Annotated[float, Field(gt=0, le=500)]
+    roof: Literal["flat", "gable", "hip"] = "flat"
+    roof_height_m: Annotated[float, Field(ge=0, le=50)] = 0.0
+    """Part of height_m that the roof takes; gable and hip need a rectangular footprint."""
+
+
+class Vehicle(Part):
+    """A box that drives a closed loop and stops for what stands before it."""
+
+    loop: Annotated[tuple[PointM, ...], Field(min_length=3)]
+    speed_mps: Annotated[float, Field(gt=0, le=30)] = 5.0
+    size_m: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = (4.2, 1.8, 1.6)
+    start_fraction: Fraction = 0.0
+
+
+class Area(Part):
+    """A rectangle [x_min, y_min, x_max, y_max] with a value of a given layer; later areas win."""
+
+    rectangle_m: tuple[Metres, Metres, Metres, Metres]
+    value: Annotated[int, Field(ge=0, le=2)]
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        x0, y0, x1, y1 = self.rectangle_m
+        if x0 >= x1 or y0 >= y1:
+            raise ValueError("rectangle_m is [x_min, y_min, x_max, y_max], min below max")
+        return self
+
+
+class GivenLayer(Part):
+    """A layer that the scenario gives: one value everywhere, other values in areas."""
+
+    default: Annotated[int, Field(ge=0, le=2)]
+    areas: tuple[Area, ...] = ()
+
+
+class Start(Part):
+    """Where a robot stands at the beginning."""
+
+    x_m: Metres
+    y_m: Metres
+    heading_deg: float = 0.0
+
+
+class RobotSpec(Part):
+    """Summit XL by its data sheet: size, mass, speed, four driven wheels, skid-steer."""
+
+    size_m: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = (0.72, 0.61, 0.42)
+    mass_kg: PositiveFloat = 65.0
+    wheel_radius_m: PositiveFloat = 0.11
+    track_m: PositiveFloat = 0.50
+    wheelbase_m: PositiveFloat = 0.45
+    speed_max_mps: PositiveFloat = 3.0
+    acceleration_max_mps2: PositiveFloat = 2.0
+    yaw_rate_max_radps: PositiveFloat = 2.0
+    wheel_torque_max_nm: PositiveFloat = 30.0
+    slope_max: PositiveFloat = 0.3
+    """Largest passable slope, the 0.3 of mapping.md section 2.3."""
+
+
+class LaserSpec(Part):
+    """One 3D laser on the robot's roof."""
+
+    rings: Annotated[int, Field(ge=1, le=256)] = 32
+    columns: Annotated[int, Field(ge=8, le=4096)] = 720
+    elevation_min_deg: Annotated[float, Field(ge=-90, le=90)] = -25.0
+    elevation_max_deg: Annotated[float, Field(ge=-90, le=90)] = 25.0
+    range_max_m: Annotated[float, Field(gt=1, le=130)] = 80.0
+    range_min_m: Annotated[float, Field(ge=0)] = 0.4
+    period_frames: PositiveInt = 4
+    """Frames between scans: 4 frames of 0.1 s is 2.5 Hz."""
+    noise_m: Annotated[float, Field(ge=0)] = 0.02
+    dropout: Fraction = 0.01
+    height_above_base_m: PositiveFloat = 0.45
+
+
+class NavigationSensorsSpec(Part):
+    """One sigma of GPS, IMU and odometry noise; white per sample unless the name says otherwise."""
+
+    gps_single_m: PositiveFloat = 1.5
+    gps_differential_m: PositiveFloat = 0.05
+    gps_height_factor: PositiveFloat = 1.5
+    attitude_deg: PositiveFloat = 0.1
+    heading_deg: PositiveFloat = 0.4
+    yaw_rate_radps: PositiveFloat = 0.002
+    odometry_scale: Annotated[float, Field(ge=0, le=0.2)] = 0.01
+    """Constant scale error of a robot's odometry, drawn once per run."""
+    odometry_mps: PositiveFloat = 0.02
+
+
+class RadioSpec(Part):
+    """The modelled radio: loss anywhere, on top of the communications layer."""
+
+    loss: Fraction = 0.0
+
+
+class PriorSpec(Part):
+    """What the GLRM holds before the first scan: the ground, and every building at one height."""
+
+    building_height_m: Annotated[float, Field(ge=0)] = 10.0
+    confidence: Annotated[int, Field(ge=1, le=63)] = 32
+
+
+class Scenario(Part):
+    """One experiment, complete."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]{0,40}$")]
+    title: Annotated[str, Field(min_length=1, max_length=120)]
+    attribution: str = ""
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+    duration_max_s: Annotated[float, Field(gt=1, le=7200)] = 600.0
+    """The mission is flushed at this simulation time if it has not ended before."""
+    time_scale: Literal["max"] | PositiveFloat = "max"
+    frame_ms: Annotated[int, Field(ge=20, le=500, multiple_of=5)] = 100
+    grid: GridSpec = GridSpec()
+    hrm: HrmSpec = HrmSpec()
+    rules: Literal["paper", "default"] | RulesSpec = "default"
+    terrain: TerrainSpec = TerrainSpec()
+    buildings: tuple[Building, ...] = ()
+    vehicles: tuple[Vehicle, ...] = ()
+    gps_quality: GivenLayer = GivenLayer(default=2)
+    communications: GivenLayer = GivenLayer(default=1)
+    robots: Annotated[int, Field(ge=1, le=100)] = 3
+    """How many drive unless told otherwise; at most as many as there are starts."""
+    starts: Annotated[tuple[Start, ...], Field(min_length=1, max_length=100)]
+    base_station_m: PointM
+    patrol: Annotated[tuple[PointM, ...], Field(min_length=1, max_length=2000)]
+    """Waypoints that the robots share out and visit."""
+    robot: RobotSpec = RobotSpec()
+    laser: LaserSpec = LaserSpec()
+    navigation_sensors: NavigationSensorsSpec = NavigationSensorsSpec()
+    radio: RadioSpec = RadioSpec()
+    prior: PriorSpec = PriorSpec()
+
+    @property
+    def frame_ns(self) -> int:
+        """Length of one frame."""
+        return self.frame_ms * 1_000_000
+
+    @property
+    def max_robots(self) -> int:
+        """As many robots as there are places to start from."""
+        return len(self.starts)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        problems = [
+            *([f"robots ({self.robots}) exceed starts ({len(self.starts)})"] if self.robots > len(self.starts) else []),
+            *self._outside("starts", [(s.x_m, s.y_m) for s in self.starts]),
+            *self._outside("patrol", list(self.patrol)),
+            *self._outside("base_station_m", [self.base_station_m]),
+        ]
+        if problems:
+            raise ValueError("; ".join(problems))
+        return self
+
+    def _outside(self, name: str, points: list[PointM]) -> list[str]:
+        grid = self.grid.grid
+        return [f"{name}[{i}] {p} lies outside the grid" for i, p in enumerate(points) if grid.row_col(*p) is None]
