@@ -1,0 +1,64 @@
+"""What stands in a scenario's world: ground, buildings, and the loops of its vehicles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph.scenario import Scenario
+from orograph.scene.buildings import building_mesh
+from orograph.scene.mesh import Mesh, joined
+from orograph.scene.terrain import ground_height_m, terrain_mesh
+from orograph.scene.vehicles import Loop, rounded_loop
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Static geometry of a scenario in the map frame, and where its vehicles drive."""
+
+    scenario: Scenario
+    terrain_mesh: Mesh
+    building_meshes: tuple[Mesh, ...]
+    loops: tuple[Loop, ...]
+
+    @cached_property
+    def building_mesh(self) -> Mesh:
+        """All buildings as one mesh."""
+        return joined(self.building_meshes)
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """Ground and buildings as one mesh, ground first."""
+        return joined([self.terrain_mesh, self.building_mesh])
+
+    def height_m(self, x_m: npt.ArrayLike, y_m: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Exact height of the ground [m], without buildings, at points of any common shape."""
+        return ground_height_m(self.scenario.terrain, x_m, y_m)
+
+    def vehicle_loop_length_m(self, index: int) -> float:
+        """Length of a vehicle's loop."""
+        return self.loops[index].length_m
+
+    def vehicle_pose(self, index: int, distance_m: float) -> tuple[float, float, float, float]:
+        """(x, y, z of the ground, yaw) of a vehicle at a distance along its loop; start_fraction is not added here."""
+        x, y, yaw = self.loops[index].at(distance_m)
+        return x, y, float(self.height_m(x, y)), yaw
+
+
+def build_scene(scenario: Scenario) -> Scene:
+    """Build all static geometry; raises ValueError naming the building or vehicle that makes no sense."""
+    buildings, loops = [], []
+    for i, building in enumerate(scenario.buildings):
+        try:
+            buildings.append(building_mesh(building, scenario.terrain))
+        except ValueError as error:
+            raise ValueError(f"buildings[{i}]: {error}") from error
+    for i, vehicle in enumerate(scenario.vehicles):
+        try:
+            loops.append(rounded_loop(vehicle.loop))
+        except ValueError as error:
+            raise ValueError(f"vehicles[{i}]: {error}") from error
+    return Scene(scenario, terrain_mesh(scenario.terrain, scenario.grid.grid), tuple(buildings), tuple(loops))

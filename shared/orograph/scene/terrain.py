@@ -1,0 +1,61 @@
+"""Ground of a scenario: a tilted plane through the map origin plus sines, exact and as a mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph.grid import Grid
+from orograph.scenario import TerrainSpec, Wave
+from orograph.scene.mesh import Mesh
+
+F64 = npt.NDArray[np.float64]
+
+MARGIN_M = 100.0
+"""Ground goes on this far beyond the grid, so that rays near the edge meet what a robot would see."""
+MARGIN_CELL_M = 10.0
+
+
+def _phase(wave: Wave, x: F64, y: F64) -> tuple[F64, float, float]:
+    wave_number = 2 * np.pi / wave.wavelength_m
+    heading = np.radians(wave.heading_deg)
+    kx, ky = wave_number * np.cos(heading), wave_number * np.sin(heading)
+    return kx * x + ky * y + np.radians(wave.phase_deg), float(kx), float(ky)
+
+
+def ground_height_m(terrain: TerrainSpec, x_m: npt.ArrayLike, y_m: npt.ArrayLike) -> F64:
+    """Height [m] of the ground at points of any common shape."""
+    x, y = np.asarray(x_m, np.float64), np.asarray(y_m, np.float64)
+    height = terrain.height_m + terrain.slope_x * x + terrain.slope_y * y
+    for wave in terrain.waves:
+        height = height + wave.amplitude_m * np.sin(_phase(wave, x, y)[0])
+    return np.asarray(height, np.float64)
+
+
+def ground_gradient(terrain: TerrainSpec, x_m: npt.ArrayLike, y_m: npt.ArrayLike) -> tuple[F64, F64]:
+    """Gradients along x and y [m/m] of the ground at points of any common shape."""
+    x, y = np.asarray(x_m, np.float64), np.asarray(y_m, np.float64)
+    gx, gy = np.zeros(np.broadcast(x, y).shape) + terrain.slope_x, np.zeros(np.broadcast(x, y).shape) + terrain.slope_y
+    for wave in terrain.waves:
+        phase, kx, ky = _phase(wave, x, y)
+        slope = wave.amplitude_m * np.cos(phase)
+        gx, gy = gx + slope * kx, gy + slope * ky
+    return gx, gy
+
+
+def _lines(low_m: float, high_m: float, cell_m: float) -> F64:
+    """Mesh lines along one axis: fine over the grid, coarse in the margin, no seam between."""
+    fine = np.linspace(low_m, high_m, max(2, round((high_m - low_m) / cell_m) + 1))
+    outer = np.arange(MARGIN_CELL_M, MARGIN_M + 0.5 * MARGIN_CELL_M, MARGIN_CELL_M)
+    return np.concatenate([low_m - outer[::-1], fine, high_m + outer])
+
+
+def terrain_mesh(terrain: TerrainSpec, grid: Grid) -> Mesh:
+    """Ground over the grid and its margin, normals up; vertices lie on the exact ground."""
+    x0, y0, x1, y1 = grid.extent_m
+    x, y = np.meshgrid(_lines(x0, x1, terrain.mesh_cell_m), _lines(y0, y1, terrain.mesh_cell_m))
+    vertices = np.stack([x, y, ground_height_m(terrain, x, y)], axis=-1).reshape(-1, 3)
+    index = np.arange(x.size, dtype=np.int32).reshape(x.shape)
+    sw, se, nw, ne = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    faces = np.stack([sw, se, ne, sw, ne, nw], axis=-1).reshape(-1, 3)
+    return Mesh(vertices, np.ascontiguousarray(faces))
