@@ -7,21 +7,25 @@ Checked with pydantic, the one exception to "words need NumPy only"; reading the
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, model_validator
 
 from orograph.grid import Grid
 
 Metres = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 PointM = tuple[Metres, Metres]
+Location = tuple[str | int, ...]
+"""Where in the file: (`starts`, 2, `x_m`) is starts[2].x_m."""
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class Part(BaseModel):
     """Frozen, no unknown keys: a typing mistake in a file is an error, not a silent default."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="strings")
 
 
 class GridSpec(Part):
@@ -229,16 +233,56 @@ class Scenario(Part):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        problems = [
-            *([f"robots ({self.robots}) exceed starts ({len(self.starts)})"] if self.robots > len(self.starts) else []),
-            *self._outside("starts", [(s.x_m, s.y_m) for s in self.starts]),
-            *self._outside("patrol", list(self.patrol)),
-            *self._outside("base_station_m", [self.base_station_m]),
-        ]
+        problems = tuple(inconsistencies(self))
         if problems:
-            raise ValueError("; ".join(problems))
+            raise InconsistentError(problems)
         return self
 
-    def _outside(self, name: str, points: list[PointM]) -> list[str]:
-        grid = self.grid.grid
-        return [f"{name}[{i}] {p} lies outside the grid" for i, p in enumerate(points) if grid.row_col(*p) is None]
+
+class InconsistentError(ValueError):
+    """Fields that are right one by one and do not fit together; `problems` are pairs (location, text)."""
+
+    def __init__(self, problems: tuple[tuple[Location, str], ...]) -> None:
+        super().__init__("; ".join(text for _, text in problems))
+        self.problems = problems
+
+
+def inconsistencies(scenario: Scenario) -> Iterator[tuple[Location, str]]:
+    """Pairs (location, text) of what does not fit together: too few starts, places off the grid or in a building."""
+    if scenario.robots > len(scenario.starts):
+        yield ("robots",), f"{scenario.robots} robots need as many starts, found {len(scenario.starts)}"
+    for i, area in enumerate(scenario.communications.areas):
+        if area.value > 1:
+            yield ("communications", "areas", i, "value"), f"communications are 0 or 1, found {area.value}"
+    boxes = np.array([_bounds(b.footprint) for b in scenario.buildings]).reshape(-1, 4)
+    for loc, (x, y) in _places(scenario):
+        if scenario.grid.grid.row_col(x, y) is None:
+            yield loc, f"({x:g}, {y:g}) lies outside the grid"
+        near = (boxes[:, 0] <= x) & (x <= boxes[:, 2]) & (boxes[:, 1] <= y) & (y <= boxes[:, 3])
+        for index in np.flatnonzero(near).tolist():
+            if _inside(x, y, scenario.buildings[index].footprint):
+                yield loc, f"({x:g}, {y:g}) lies in buildings[{index}]"
+
+
+def _places(scenario: Scenario) -> Iterator[tuple[Location, PointM]]:
+    for i, start in enumerate(scenario.starts):
+        yield ("starts", i), (start.x_m, start.y_m)
+    for i, waypoint in enumerate(scenario.patrol):
+        yield ("patrol", i), waypoint
+    yield ("base_station_m",), scenario.base_station_m
+    for i, vehicle in enumerate(scenario.vehicles):
+        for j, corner in enumerate(vehicle.loop):
+            yield ("vehicles", i, "loop", j), corner
+
+
+def _bounds(footprint: tuple[PointM, ...]) -> tuple[float, float, float, float]:
+    xs, ys = [x for x, _ in footprint], [y for _, y in footprint]
+    return min(xs), min(ys), max(xs), max(ys)
+
+
+def _inside(x: float, y: float, footprint: tuple[PointM, ...]) -> bool:
+    """Whether a point lies in a polygon, by the parity of the edges that a ray towards +x crosses."""
+    edges = zip(footprint, (*footprint[1:], footprint[0]), strict=True)
+    return (
+        sum((y0 > y) != (y1 > y) and x < x0 + (y - y0) * (x1 - x0) / (y1 - y0) for (x0, y0), (x1, y1) in edges) % 2 == 1
+    )
