@@ -1,4 +1,4 @@
-"""Reads scenario files: YAML, with a JSON list of buildings beside it, to a checked `Scenario` or to all its problems."""
+"""Reads scenario files: YAML, with a JSON list of buildings beside, to a checked `Scenario` or to all its problems."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class ScenarioError(ValueError):
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:
-    """The scenario of a folder, a scenario.yaml or a bare name in ./scenarios; raises ScenarioError with all problems."""
+    """The scenario of a folder, a scenario.yaml or a name in ./scenarios; raises ScenarioError with all problems."""
     path = find_scenario(name_or_path)
     content, lines = _yaml_content(path)
     file_of_buildings = _read_buildings(path, content, lines)
