@@ -67,8 +67,8 @@ class Grid:
 
     def centres_m(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Centres' x (cols,) and y (rows,)."""
-        x = self.origin_m[0] + (np.arange(self.cols) + 0.5) * self.cell_m
-        y = self.origin_m[1] + (np.arange(self.rows) + 0.5) * self.cell_m
+        x = self.origin_m[0] + (np.arange(self.cols, dtype=np.float64) + 0.5) * np.float64(self.cell_m)
+        y = self.origin_m[1] + (np.arange(self.rows, dtype=np.float64) + 0.5) * np.float64(self.cell_m)
         return x, y
 
     def window(self, row: int, col: int, shape: tuple[int, int]) -> Grid:

@@ -43,7 +43,9 @@ def pack(
     return records
 
 
-def unpack(records: Packed, grid: Grid, gps_quality: Layer | None = None, communications: Layer | None = None) -> CellMap:
+def unpack(
+    records: Packed, grid: Grid, gps_quality: Layer | None = None, communications: Layer | None = None
+) -> CellMap:
     """A cell map over `grid` that holds these records' values (any dtype with RECORD's value fields), NaN elsewhere."""
     out = CellMap.unknown(grid)
     if gps_quality is not None:

@@ -1,36 +1,5 @@
 """One step object per service: messages in, messages out. The same objects run in a container, a process or a simulation."""
 
-from __future__ import annotations
+from orograph.node import Node, Note, Send, text_array
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
-
-import numpy as np
-import numpy.typing as npt
-
-from orograph.messages import Envelope, Frame, Message
-
-Send = Callable[[str, str, Message], None]
-"""send(plane, to, message): `to` is a node name or a group address from `keys`."""
-Note = Callable[[str, Mapping[str, Any]], None]
-"""note(kind, fields): one line for events.jsonl; the shell adds stamp_ns, service and robot."""
-
-
-class Node(Protocol):
-    """A service's step object, for one robot where the service is per robot."""
-
-    name: str
-
-    def step(self, frame: Frame, inbox: Sequence[Envelope], send: Send, note: Note) -> None:
-        """Take what was sent in the frame before, ordered by (sender, index); send what follows from it."""
-
-    def telemetry(self) -> Mapping[str, float]:
-        """Figures for people (metrics, progress view): name with unit -> value."""
-
-    def artifacts(self) -> Mapping[str, npt.NDArray[Any]]:
-        """What the run folder keeps of this node at the end, as named arrays (numpy scalars allowed)."""
-
-
-def text_array(text: str) -> npt.NDArray[Any]:
-    """A string as an artifact."""
-    return np.array(text)
+__all__ = ["Node", "Note", "Send", "text_array"]

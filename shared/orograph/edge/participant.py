@@ -1,0 +1,131 @@
+"""The life of a service that follows the world's clock: claim, join, answer every tick, leave its parts behind."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import uuid
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from orograph import keys
+from orograph.edge import wire
+from orograph.edge.bus import Bus
+from orograph.edge.guard import Guard
+from orograph.edge.host import NodeHost
+from orograph.edge.recording import Recording
+from orograph.edge.settings import Settings
+from orograph.messages import Frame
+from orograph.node import Node
+from orograph.scenario import Scenario
+from orograph.stages import StageRecorder
+
+JOIN_EVERY_S = 0.3
+CLAIM_EVERY_S = 0.5
+
+log = logging.getLogger("orograph")
+
+
+class Ticks:
+    """The newest tick that this process has not answered yet."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._changed = threading.Condition()
+        self._newest: dict[str, Any] | None = None
+        bus.hear(keys.TICK, self._on_tick)
+
+    def _on_tick(self, payload: bytes) -> None:
+        tick = wire.unpack_plain(payload)
+        with self._changed:
+            self._newest = tick
+            self._changed.notify_all()
+
+    def next(self, timeout_s: float) -> dict[str, Any] | None:
+        """The newest tick, taken away; None when none comes in time."""
+        with self._changed:
+            if self._newest is None:
+                self._changed.wait(timeout_s)
+            tick, self._newest = self._newest, None
+            return tick
+
+
+def claim(bus: Bus, service: str, instance: str, settings: Settings, stop: threading.Event) -> tuple[str, ...]:
+    """Ask the orchestrator for robots until it grants some; a full fleet leaves this process a spare, said once."""
+    question = wire.pack_plain(
+        {"service": service, "instance": instance, "capacity": settings.capacity, "wanted": list(settings.wanted)}
+    )
+    said = ""
+    while not stop.is_set():
+        reply = bus.ask(keys.CLAIM, question, timeout_s=2.0)
+        silence: dict[str, Any] = {"robots": [], "reason": "the orchestrator does not answer yet"}
+        grant = wire.unpack_plain(reply) if reply else silence
+        if grant["robots"]:
+            return tuple(grant["robots"])
+        if grant["reason"] != said:
+            said = grant["reason"]
+            log.info("waiting for a robot: %s", said)
+        stop.wait(CLAIM_EVERY_S)
+    return ()
+
+
+class Participant:
+    """Steps hosted nodes at every tick, in lockstep or at the world's pace."""
+
+    def __init__(self, bus: Bus, host: NodeHost, instance: str, scenario: Scenario, guard: Guard) -> None:
+        self._bus, self._host, self._instance, self._guard = bus, host, instance, guard
+        self._frame_ns = scenario.frame_ns
+        self._names = [n.name for n in host.nodes]
+        self._last: dict[str, Any] = {}
+        self._ticks = Ticks(bus)
+
+    def run(self) -> None:
+        """Until the world ends the run or this process is told to stop."""
+        while not self._guard.stop.is_set():
+            self._guard.alive()
+            tick = self._ticks.next(JOIN_EVERY_S)
+            if tick is None:
+                self._answer(self._last or {"frame": -1, "sent": {}, "lost": 0})
+            elif tick["end"]:
+                return
+            elif self._instance in tick["roster"]:
+                self._take(tick)
+
+    def _take(self, tick: dict[str, Any]) -> None:
+        if tick["frame"] > self._last.get("frame", -1):
+            first = not self._last
+            frame = Frame(tick["frame"], tick["frame"] * self._frame_ns, self._frame_ns)
+            counted = {} if first else tick["counted"]
+            lost = self._host.step(frame, counted, frozenset(tick["down"]), tick["lockstep"], self._guard.stop)
+            self._last = {"frame": frame.index, "sent": self._bus.sent_table(), "lost": lost}
+        self._answer(self._last)
+
+    def _answer(self, answer: dict[str, Any]) -> None:
+        payload = {**answer, "instance": self._instance, "nodes": self._names}
+        self._bus.tell(keys.done_key(self._instance), wire.pack_plain(payload))
+
+
+def take_part(
+    service: str,
+    settings: Settings,
+    guard: Guard,
+    build: Callable[[Scenario, tuple[str, ...]], tuple[Sequence[Node], dict[str, StageRecorder]]],
+    attend: Callable[[Bus], None] | None = None,
+) -> None:
+    """Run one service process: `build` makes its nodes for the robots it holds, `attend` answers others' queries."""
+    instance = uuid.uuid4().hex
+    scenario = settings.scenario()
+    on_radio = settings.radio if service in keys.RADIO_SERVICES else None
+    recording = Recording(settings.run_dir, f"{service}-{instance[:8]}")
+    with Bus.open(settings.sim, on_radio, guard.stop) as bus:
+        if attend is not None:
+            attend(bus)
+        robots = claim(bus, service, instance, settings, guard.stop) if service in keys.ROBOT_SERVICES else ()
+        if guard.stop.is_set():
+            return
+        nodes, stages = build(scenario, robots)
+        host = NodeHost(bus, nodes, scenario, recording)
+        with bus.token(service, instance, robots):
+            log.info("ready: %s", ", ".join(n.name for n in host.nodes))
+            Participant(bus, host, instance, scenario, guard).run()
+            host.save(f"{service}-{instance[:8]}", stages)
+    recording.close()

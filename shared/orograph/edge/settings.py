@@ -1,0 +1,53 @@
+"""Where things are, from at most five environment variables; *what* runs is the scenario's business."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from orograph.scenario import Scenario
+
+VARIABLES = {
+    "OROGRAPH_SIM": "endpoint of the sim plane's router, tcp/HOST:PORT",
+    "OROGRAPH_RADIO": "endpoint of the radio plane's router",
+    "OROGRAPH_RUN_DIR": "run folder; parts/scenario.json in it says what runs",
+    "OROGRAPH_CAPACITY": "how many robots one process may hold (default 1)",
+    "OROGRAPH_ROBOT": "explicit robot id, instead of whichever is free",
+}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """One process's place."""
+
+    sim: str
+    radio: str
+    run_dir: Path
+    capacity: int = 1
+    wanted: tuple[str, ...] = ()
+
+    @classmethod
+    def from_environment(cls) -> Settings:
+        """Read the variables; raises SystemExit(2) naming what is missing."""
+        missing = [f"{v} ({VARIABLES[v]})" for v in list(VARIABLES)[:3] if not os.environ.get(v)]
+        if missing:
+            raise SystemExit("orograph: not set: " + ", ".join(missing))
+        robot = os.environ.get("OROGRAPH_ROBOT", "")
+        return cls(
+            os.environ["OROGRAPH_SIM"],
+            os.environ["OROGRAPH_RADIO"],
+            Path(os.environ["OROGRAPH_RUN_DIR"]),
+            int(os.environ.get("OROGRAPH_CAPACITY", "1")),
+            (robot,) if robot else (),
+        )
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """The variables that make a child process read the same settings."""
+        values = (self.sim, self.radio, str(self.run_dir), str(self.capacity), "+".join(self.wanted))
+        return {**os.environ, **dict(zip(VARIABLES, values, strict=True))}
+
+    def scenario(self) -> Scenario:
+        """The resolved scenario of this run."""
+        return Scenario.model_validate_json((self.run_dir / "parts" / "scenario.json").read_text())
