@@ -20,9 +20,13 @@ class Scene:
     """Static geometry of a scenario in the map frame, and where its vehicles drive."""
 
     scenario: Scenario
-    terrain_mesh: Mesh
     building_meshes: tuple[Mesh, ...]
     loops: tuple[Loop, ...]
+
+    @cached_property
+    def terrain_mesh(self) -> Mesh:
+        """Ground over the grid and its margin."""
+        return terrain_mesh(self.scenario.terrain, self.scenario.grid.grid)
 
     @cached_property
     def building_mesh(self) -> Mesh:
@@ -33,6 +37,21 @@ class Scene:
     def mesh(self) -> Mesh:
         """Ground and buildings as one mesh, ground first."""
         return joined([self.terrain_mesh, self.building_mesh])
+
+    @cached_property
+    def _building_bounds(self) -> npt.NDArray[np.float64]:
+        corners = [
+            (*mesh.vertices[:, :2].min(axis=0), *mesh.vertices[:, :2].max(axis=0)) for mesh in self.building_meshes
+        ]
+        return np.array(corners, np.float64).reshape(-1, 4)
+
+    def meshes_in(self, rectangle_m: tuple[float, float, float, float]) -> tuple[Mesh, Mesh]:
+        """(ground, buildings) that touch (x_min, y_min, x_max, y_max): whole mesh cells, whole buildings."""
+        west, south, east, north = rectangle_m
+        x0, y0, x1, y1 = self._building_bounds.T
+        touching = np.flatnonzero((x0 <= east) & (x1 >= west) & (y0 <= north) & (y1 >= south))
+        ground = terrain_mesh(self.scenario.terrain, self.scenario.grid.grid, rectangle_m)
+        return ground, joined([self.building_meshes[i] for i in touching])
 
     def height_m(self, x_m: npt.ArrayLike, y_m: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Exact height of the ground [m], without buildings, at points of any common shape."""
@@ -61,4 +80,4 @@ def build_scene(scenario: Scenario) -> Scene:
             loops.append(rounded_loop(vehicle.loop))
         except ValueError as error:
             raise ValueError(f"vehicles[{i}]: {error}") from error
-    return Scene(scenario, terrain_mesh(scenario.terrain, scenario.grid.grid), tuple(buildings), tuple(loops))
+    return Scene(scenario, tuple(buildings), tuple(loops))

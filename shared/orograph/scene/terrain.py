@@ -50,10 +50,26 @@ def _lines(low_m: float, high_m: float, cell_m: float) -> F64:
     return np.concatenate([low_m - outer[::-1], fine, high_m + outer])
 
 
-def terrain_mesh(terrain: TerrainSpec, grid: Grid) -> Mesh:
-    """Ground over the grid and its margin, normals up; vertices lie on the exact ground."""
+def _lines_over(lines: F64, low_m: float, high_m: float) -> F64:
+    """The lines of all strips that touch [low, high], at least one strip."""
+    first = np.clip(np.searchsorted(lines, low_m, "right") - 1, 0, len(lines) - 2)
+    last = np.clip(np.searchsorted(lines, high_m, "left"), first + 1, len(lines) - 1)
+    return lines[first : last + 1]
+
+
+def terrain_mesh(
+    terrain: TerrainSpec, grid: Grid, rectangle_m: tuple[float, float, float, float] | None = None
+) -> Mesh:
+    """Ground over the grid and its margin, normals up; vertices lie on the exact ground.
+
+    With `rectangle_m` (x_min, y_min, x_max, y_max) only the mesh cells that touch it: the same triangles, fewer.
+    """
     x0, y0, x1, y1 = grid.extent_m
-    x, y = np.meshgrid(_lines(x0, x1, terrain.mesh_cell_m), _lines(y0, y1, terrain.mesh_cell_m))
+    x_lines, y_lines = _lines(x0, x1, terrain.mesh_cell_m), _lines(y0, y1, terrain.mesh_cell_m)
+    if rectangle_m is not None:
+        west, south, east, north = rectangle_m
+        x_lines, y_lines = _lines_over(x_lines, west, east), _lines_over(y_lines, south, north)
+    x, y = np.meshgrid(x_lines, y_lines)
     vertices = np.stack([x, y, ground_height_m(terrain, x, y)], axis=-1).reshape(-1, 3)
     index = np.arange(x.size, dtype=np.int32).reshape(x.shape)
     sw, se, nw, ne = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]

@@ -1,0 +1,107 @@
+"""Rays against the scene, by Embree.
+
+Embree computes in float32, so it is given a window of the scene around the ray's origin, in coordinates of the
+window: that keeps the error below 0.1 mm at any place of a map, and the search tree small. Windows lie on fixed
+tiles, so what a ray meets depends on where it starts, never on where the robot has been.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore import EmbreeDevice
+from embreex.rtcore_scene import EmbreeScene
+
+from orograph.scene import Mesh, Scene
+from orograph.scene.mesh import joined
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+
+TILE_M = 50.0
+WINDOWS_KEPT = 4
+"""A robot at a corner where four tiles meet builds none of them twice."""
+
+
+def embree_scene(device: EmbreeDevice, mesh: Mesh, origin_m: F64) -> EmbreeScene | None:
+    """The mesh, relative to `origin_m`, ready for rays (watertight at shared edges); None for an empty mesh."""
+    if not len(mesh.faces):
+        return None
+    scene = EmbreeScene(device, robust=True)
+    TriangleMesh(scene, (mesh.vertices - origin_m).astype(np.float32), mesh.faces)
+    return scene
+
+
+def _limit(scene: EmbreeScene | None, origin: F32, directions: F32, distances: F32) -> None:
+    """Shorten `distances` (n,) in place to the nearest hits of rays from one origin (3,)."""
+    if scene is not None and len(distances):
+        origins = np.empty_like(directions)
+        origins[:] = origin
+        scene.run(origins, directions, dists=distances, query="DISTANCE")
+
+
+def steepest_slope(mesh: Mesh) -> float:
+    """Greatest slope [m/m] of a ground mesh's faces, all seen from above."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    return float((np.hypot(normals[:, 0], normals[:, 1]) / normals[:, 2]).max())
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """All that is solid within reach of one tile, relative to `origin_m`."""
+
+    origin_m: F64
+    solid: EmbreeScene
+    buildings: EmbreeScene | None
+    steepest: float
+
+
+class RayCaster:
+    """Nearest hits on a scene's ground and buildings, and on moving boxes given with each call."""
+
+    def __init__(self, scene: Scene, reach_m: float) -> None:
+        self._scene, self._reach_m = scene, reach_m
+        self._device = EmbreeDevice()
+        self._windows: OrderedDict[tuple[int, int], Window] = OrderedDict()
+
+    def distances(self, origin_m: F64, directions: F32, boxes: Mesh) -> F32:
+        """Distances (n,) [m] along unit directions (n, 3) of the map frame to the nearest hit, `reach_m` where none.
+
+        `boxes` are moving bodies in the map frame. A ray that rises more steeply than any ground in the window can
+        only meet buildings and boxes, so the ground is not searched for it: the origin must be above the ground.
+        """
+        window = self._window(origin_m)
+        origin = (origin_m - window.origin_m).astype(np.float32)
+        out = np.full(len(directions), self._reach_m, np.float32)
+        x, y, z = directions.T
+        # Squared, with a margin far above float32's rounding: a ray along the slope itself searches the ground.
+        rising = (z > 0) & (z * z > np.float32(window.steepest**2 * 1.001 + 1e-6) * (x * x + y * y))
+        for scene, chosen in ((window.solid, np.flatnonzero(~rising)), (window.buildings, np.flatnonzero(rising))):
+            nearest = out[chosen]
+            _limit(scene, origin, directions[chosen], nearest)
+            out[chosen] = nearest
+        _limit(embree_scene(self._device, boxes, window.origin_m), origin, directions, out)
+        return out
+
+    def _window(self, origin_m: F64) -> Window:
+        tile = int(origin_m[0] // TILE_M), int(origin_m[1] // TILE_M)
+        if tile not in self._windows:
+            self._windows[tile] = self._build(tile)
+            if len(self._windows) > WINDOWS_KEPT:
+                self._windows.popitem(last=False)
+        self._windows.move_to_end(tile)
+        return self._windows[tile]
+
+    def _build(self, tile: tuple[int, int]) -> Window:
+        x, y = (tile[0] + 0.5) * TILE_M, (tile[1] + 0.5) * TILE_M
+        half_m = TILE_M / 2 + self._reach_m
+        ground, buildings = self._scene.meshes_in((x - half_m, y - half_m, x + half_m, y + half_m))
+        origin_m = np.array([x, y, float(self._scene.height_m(x, y))])
+        solid = embree_scene(self._device, joined([ground, buildings]), origin_m)
+        assert solid is not None, "a window always holds ground"
+        return Window(origin_m, solid, embree_scene(self._device, buildings, origin_m), steepest_slope(ground))

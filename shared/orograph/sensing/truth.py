@@ -1,0 +1,85 @@
+"""What a perfect sensor would see of the static scene: the true top surface of cells, and noise-free dense scans."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+from embreex.rtcore import EmbreeDevice
+
+from orograph.geometry import points_from_ranges
+from orograph.grid import Grid
+from orograph.layers import Layer
+from orograph.scene import Scene
+from orograph.scene.mesh import joined
+from orograph.scene.prior import COVERED
+from orograph.scene.terrain import ground_gradient
+from orograph.sensing.casting import embree_scene
+from orograph.sensing.laser import RangeCamera, laser_position_m
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+
+
+def _heights_from_above(scene: Scene, grid: Grid) -> tuple[F64, npt.NDArray[np.bool_]]:
+    """Top surface [m] under each cell's centre and whether a building makes it, both (rows, cols)."""
+    ground, buildings = scene.meshes_in(grid.extent_m)
+    top = joined([ground, buildings])
+    centre_m = np.array([*(np.mean(grid.extent_m[i::2]) for i in (0, 1)), top.vertices[:, 2].max() + 1.0])
+    solid = embree_scene(EmbreeDevice(), top, centre_m)
+    assert solid is not None
+    x, y = np.meshgrid(*grid.centres_m())
+    origins = np.stack([x, y, np.full_like(x, centre_m[2])], axis=-1).reshape(-1, 3) - centre_m
+    down = np.broadcast_to(np.array([0, 0, -1], np.float32), origins.shape)
+    hits = solid.run(origins.astype(np.float32), np.ascontiguousarray(down), output=True)
+    height = (centre_m[2] - hits["tfar"].astype(np.float64)).reshape(grid.shape)
+    building = (hits["primID"] >= len(ground.faces)).reshape(grid.shape)
+    return np.where(hits["primID"].reshape(grid.shape) < 0, np.nan, height), building
+
+
+def _block_mean(values: npt.NDArray[np.float64], factor: int) -> F64:
+    rows, cols = values.shape
+    return np.asarray(values.reshape(rows // factor, factor, cols // factor, factor).mean(axis=(1, 3)), np.float64)
+
+
+def top_surface(scene: Scene, grid: Grid, samples_per_cell: int = 4) -> tuple[Layer, npt.NDArray[np.bool_]]:
+    """(height, occupied): mean true top surface [m], float32, and whether a cell can't be driven, both (rows, cols).
+
+    Vertical rays at `samples_per_cell` x `samples_per_cell` places per cell. Occupied: at least 40 % of the places are
+    building (as in the prior), or the ground's slope at the centre exceeds the robot's slope_max. Height is NaN
+    beyond the ground's margin.
+    """
+    height, building = _heights_from_above(scene, grid.refined(samples_per_cell))
+    holds_building = _block_mean(building.astype(np.float64), samples_per_cell) >= COVERED
+    x, y = np.meshgrid(*grid.centres_m())
+    slope = np.hypot(*ground_gradient(scene.scenario.terrain, x, y))
+    occupied = holds_building | (slope > scene.scenario.robot.slope_max)
+    return _block_mean(height, samples_per_cell).astype(np.float32), occupied
+
+
+def standing(scene: Scene, x_m: float, y_m: float, yaw_rad: float) -> tuple[F64, F64]:
+    """(R_map_robot (3, 3), position (3,)) of a robot that stands still on the ground, upright to its slope."""
+    gradient_x, gradient_y = (float(g) for g in ground_gradient(scene.scenario.terrain, x_m, y_m))
+    up = np.array([-gradient_x, -gradient_y, 1.0]) / np.sqrt(1 + gradient_x**2 + gradient_y**2)
+    left = np.cross(up, [np.cos(yaw_rad), np.sin(yaw_rad), 0.0])
+    left /= np.linalg.norm(left)
+    R_map_robot = np.stack([np.cross(left, up), left, up], axis=1)
+    return R_map_robot, np.array([x_m, y_m, float(scene.height_m(x_m, y_m))])
+
+
+def dense_scans(scene: Scene, poses: npt.ArrayLike, density: int = 2) -> Iterator[tuple[F64, F32, F64]]:
+    """Per pose (x, y, yaw) of `poses` (n, 3): collision points (k, 3), their ranges (k,), the position (3,) [m].
+
+    Points and position (the robot's origin on the ground) are in the map frame. Noise, dropouts and moving bodies are
+    none; rings and columns are `density` times the scenario's.
+    """
+    spec = scene.scenario.laser
+    laser = spec.model_copy(update={"rings": spec.rings * density, "columns": spec.columns * density})
+    camera = RangeCamera(scene, laser)
+    none = np.zeros(laser.rings * laser.columns, np.float32)
+    for x_m, y_m, yaw_rad in np.asarray(poses, np.float64).reshape(-1, 3):
+        R_map_robot, position_m = standing(scene, x_m, y_m, yaw_rad)
+        ranges = camera.ranges(camera.distances(R_map_robot, position_m, joined([])), none, none, 0.0)
+        eye_m = laser_position_m(laser, R_map_robot, position_m)
+        yield *points_from_ranges(ranges, camera.directions, R_map_robot, eye_m), position_m
