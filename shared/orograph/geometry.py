@@ -71,7 +71,7 @@ def wrap_angle(angle_rad: float) -> float:
 
 
 def ray_directions(laser: LaserSpec) -> F32:
-    """Unit directions (rings, columns, 3) in the laser frame: rings bottom to top, columns counter-clockwise from ahead."""
+    """Unit directions (rings, columns, 3), laser frame: rings bottom to top, columns counter-clockwise from ahead."""
     elevation = np.radians(np.linspace(laser.elevation_min_deg, laser.elevation_max_deg, laser.rings))[:, None]
     azimuth = (2 * np.pi / laser.columns * np.arange(laser.columns))[None, :]
     shape = (laser.rings, laser.columns)
@@ -87,7 +87,11 @@ def points_from_ranges(
 
     `laser_position_m` is the laser's origin in the map frame. No-returns (0) are left out.
     """
-    hit = np.flatnonzero(ranges.reshape(-1))
-    ranges_m = ranges.reshape(-1)[hit].astype(np.float32) * np.float32(RANGE_UNIT_M)
-    offsets = (directions.reshape(-1, 3)[hit] * ranges_m[:, None]).astype(np.float64) @ R_map_robot.T
-    return offsets + np.asarray(laser_position_m, np.float64), ranges_m
+    hit = np.flatnonzero(ranges)
+    ranges_m = np.take(ranges.reshape(-1), hit) * RANGE_UNIT_M
+    x, y, z = (np.take(directions.reshape(-1, 3)[:, axis], hit) * ranges_m for axis in range(3))
+    points = np.empty((len(hit), 3))
+    for axis, at_m in enumerate(np.asarray(laser_position_m, np.float64)):  # no BLAS: its sums differ by processor
+        to_x, to_y, to_z = R_map_robot[axis]
+        points[:, axis] = to_x * x + to_y * y + to_z * z + at_m
+    return points, ranges_m.astype(np.float32)

@@ -1,0 +1,142 @@
+"""What one robot's own laser saw: fine in a window that rolls with it, coarse over the GLRM (mapping.md section 4).
+
+The coarse values follow the fine ones block by block, so what rolls out is already kept, and what rolls in starts from
+them. A block that rolls in and out without new points keeps its value: means of equal values are that value.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph.grid import Grid
+from orograph.mapping.cells import CONFIDENCE, Cells, Ticks, Values, unknown_values
+from orograph.mapping.fusion_kernels import fuse_cells
+from orograph.mapping.rescaling_kernels import blocks_of, expand_blocks, rescale_blocks
+from orograph.mapping.rules import RuleNumbers
+
+
+class Evidence:
+    """Fine values (HRM, rolling) and coarse values (one GLRM) with the tick [ms] of each cell's newest scan."""
+
+    def __init__(self, glrm: Grid, hrm_cells: int, per_glrm_cell: int) -> None:
+        """The window is placed by the first `roll_to`; `hrm_cells` is a multiple of `per_glrm_cell`."""
+        assert hrm_cells % per_glrm_cell == 0, (hrm_cells, per_glrm_cell)
+        self.glrm, self.factor = glrm, per_glrm_cell
+        self.blocks = hrm_cells // per_glrm_cell
+        """Blocks on a side of the window."""
+        self.coarse, self.coarse_ticks = unknown_values(glrm.size), np.zeros(glrm.size, np.uint32)
+        self.values, self.ticks = unknown_values(hrm_cells**2), np.zeros(hrm_cells**2, np.uint32)
+        self.window: tuple[int, int] | None = None
+        """GLRM (row, col) of the window's first block; it may hang over the GLRM's edge."""
+        self._marked: npt.NDArray[np.bool_] = np.zeros(self.blocks**2, np.bool_)
+
+    @property
+    def llrm_grid(self) -> Grid:
+        """The window in GLRM cells."""
+        assert self.window is not None, "no scan yet"
+        return self.glrm.window(*self.window, (self.blocks, self.blocks))
+
+    @property
+    def grid(self) -> Grid:
+        """The window in HRM cells."""
+        return self.llrm_grid.refined(self.factor)
+
+    def roll_to(self, x_m: float, y_m: float) -> None:
+        """Move the window by as few GLRM cells as bring the position within one GLRM cell of its centre."""
+        x0, y0 = self.glrm.origin_m
+        corner = (y_m - y0) / self.glrm.cell_m - self.blocks / 2, (x_m - x0) / self.glrm.cell_m - self.blocks / 2
+        if self.window is None:
+            self._move((math.floor(corner[0] + 0.5), math.floor(corner[1] + 0.5)), None)
+            return
+        row, col = (held + int(wanted - held) for held, wanted in zip(self.window, corner, strict=True))
+        if (row, col) != self.window:
+            self._move((row, col), self.window)
+
+    def fuse_fine(self, cells: Cells, values: Values, ticks: Ticks, rules: RuleNumbers) -> None:
+        """Fuse values (k, 5) of ticks (k,) into the fine cells (k,)."""
+        fuse_cells(self.values, self.ticks, cells, values, ticks, rules)
+
+    def rescale(self, cells: Cells) -> Cells:
+        """Bring the coarse values under these fine cells up to date; returns their GLRM cells, ascending."""
+        blocks = blocks_of(cells, self.blocks * self.factor, self.factor, self._marked)
+        inside, glrm_cells = self._glrm_cells(blocks)
+        blocks, glrm_cells = blocks[inside], glrm_cells[inside]
+        values, ticks = np.empty((len(blocks), 5), np.float32), np.empty(len(blocks), np.uint32)
+        rescale_blocks(self.values, self.ticks, self.blocks * self.factor, self.factor, blocks, values, ticks)
+        self.coarse[glrm_cells], self.coarse_ticks[glrm_cells] = values, ticks
+        return glrm_cells
+
+    def put(self, glrm_cells: Cells, values: Values, ticks: Ticks) -> None:
+        """Set GLRM cells (k,), and the fine cells of those under the window, to coarse values (k, 5) and ticks (k,)."""
+        self.coarse[glrm_cells], self.coarse_ticks[glrm_cells] = values, ticks
+        within, blocks = self._blocks(glrm_cells)
+        self._expand(blocks[within], values[within], ticks[within])
+
+    def fuse_coarse(
+        self, glrm_cells: Cells, values: Values, ticks: Ticks, fine: RuleNumbers, coarse: RuleNumbers
+    ) -> None:
+        """Fuse values (k, 5) of GLRM cells: into each fine cell under the window by `fine`, elsewhere by `coarse`."""
+        within, blocks = self._blocks(glrm_cells)
+        away = ~within
+        fuse_cells(self.coarse, self.coarse_ticks, glrm_cells[away], values[away], ticks[away], coarse)
+        cells = self._fine_cells(blocks[within])
+        each = self.factor**2
+        self.fuse_fine(cells, np.repeat(values[within], each, axis=0), np.repeat(ticks[within], each), fine)
+        self.rescale(cells)
+
+    def known_cells(self) -> Cells:
+        """GLRM cells with any evidence, ascending."""
+        return np.flatnonzero(self.coarse[:, CONFIDENCE] > 0)
+
+    def _move(self, window: tuple[int, int], left: tuple[int, int] | None) -> None:
+        side = self.blocks * self.factor
+        old_values, old_ticks = self.values.reshape(side, side, 5), self.ticks.reshape(side, side)
+        self.values, self.ticks = unknown_values(side**2), np.zeros(side**2, np.uint32)
+        self.window = window
+        entered = np.ones((self.blocks, self.blocks), np.bool_)
+        if left is not None and max(abs(window[0] - left[0]), abs(window[1] - left[1])) < self.blocks:
+            (to_rows, from_rows), (to_cols, from_cols) = (
+                _overlap(w - b, self.blocks) for w, b in zip(window, left, strict=True)
+            )
+            entered[to_rows, to_cols] = False
+            to_fine = _times(to_rows, self.factor), _times(to_cols, self.factor)
+            from_fine = _times(from_rows, self.factor), _times(from_cols, self.factor)
+            self.values.reshape(side, side, 5)[to_fine] = old_values[from_fine]
+            self.ticks.reshape(side, side)[to_fine] = old_ticks[from_fine]
+        blocks = np.flatnonzero(entered)
+        inside, glrm_cells = self._glrm_cells(blocks)
+        blocks, glrm_cells = blocks[inside], glrm_cells[inside]
+        self._expand(blocks, self.coarse[glrm_cells], self.coarse_ticks[glrm_cells])
+
+    def _expand(self, blocks: Cells, values: Values, ticks: Ticks) -> None:
+        expand_blocks(values, ticks, self.blocks * self.factor, self.factor, blocks, self.values, self.ticks)
+
+    def _glrm_cells(self, blocks: Cells) -> tuple[npt.NDArray[np.bool_], Cells]:
+        assert self.window is not None
+        rows, cols = blocks // self.blocks + self.window[0], blocks % self.blocks + self.window[1]
+        return self.glrm.contains(rows, cols), rows * self.glrm.cols + cols
+
+    def _blocks(self, glrm_cells: Cells) -> tuple[npt.NDArray[np.bool_], Cells]:
+        if self.window is None:
+            return np.zeros(len(glrm_cells), np.bool_), glrm_cells
+        rows, cols = glrm_cells // self.glrm.cols - self.window[0], glrm_cells % self.glrm.cols - self.window[1]
+        within = (rows >= 0) & (rows < self.blocks) & (cols >= 0) & (cols < self.blocks)
+        return within, rows * self.blocks + cols
+
+    def _fine_cells(self, blocks: Cells) -> Cells:
+        side, within = self.blocks * self.factor, np.arange(self.factor)
+        firsts = (blocks // self.blocks) * self.factor * side + (blocks % self.blocks) * self.factor
+        return (firsts[:, None, None] + within[:, None] * side + within).reshape(-1)
+
+
+def _overlap(moved: int, size: int) -> tuple[slice, slice]:
+    """Along one axis: where the kept part stands after a move by `moved`, and where it stood before."""
+    kept = size - abs(moved)
+    return slice(max(0, -moved), max(0, -moved) + kept), slice(max(0, moved), max(0, moved) + kept)
+
+
+def _times(part: slice, factor: int) -> slice:
+    return slice(part.start * factor, part.stop * factor)

@@ -1,0 +1,147 @@
+"""A robot's mapping, from a scan to the cells worth sending (the paper's Fig. 8; mapping.md section 4)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph.geometry import F32, F64, points_from_ranges
+from orograph.grid import Grid
+from orograph.layers import CellMap
+from orograph.mapping.cells import Cells, Given, Values, cut, map_of, unknown_values, values_of
+from orograph.mapping.evidence import Evidence
+from orograph.mapping.fusion import fuse
+from orograph.mapping.fusion_kernels import planning_codes
+from orograph.mapping.reconstruction import DROP_REASONS, Reconstructor
+from orograph.mapping.rescaling import expand, rescale
+from orograph.mapping.rules import SLOPE_MAX, FusionRules
+from orograph.mapping.updates import Held
+from orograph.messages import OCCUPATION_ONE, RECORD, UNKNOWN_OCCUPATION, Packed
+from orograph.registers import pack, unpack
+from orograph.stages import Stage, untimed
+
+
+class RobotMapper:
+    """Own evidence in a rolling HRM, its LLRM, and which of its cells the Map Manager should hear of."""
+
+    def __init__(
+        self, glrm_grid: Grid, hrm_cells: int, per_glrm_cell: int, rules: FusionRules, range_max_m: float,
+        slope_max: float = SLOPE_MAX, given: Given | None = None, stage: Stage = untimed,
+    ) -> None:  # fmt: skip
+        """`given`: the GLRM's gps_quality and communications layers; `stage` times the rows of the paper's Table 2."""
+        self._evidence = Evidence(glrm_grid, hrm_cells, per_glrm_cell)
+        self._reconstructor = Reconstructor(hrm_cells**2, range_max_m, slope_max, stage)
+        self._rules, self._slope_max, self._stage = rules, slope_max, stage
+        self._given = map_of(unknown_values(glrm_grid.size), glrm_grid, given)
+        self._fine_rules, self._coarse_rules = rules.numbers(slope_max), rules.numbers(None)
+        self._acknowledged = Held(glrm_grid.size)
+
+    def step(
+        self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], position_xy_m: npt.ArrayLike, stamp_ns: int
+    ) -> Packed:
+        """Map one scan: points (n, 3) [m, map frame] measured at ranges (n,) [m]; returns the UpdatedCellsList.
+
+        The HRM follows `position_xy_m`. The list (RECORD, ascending cells, seq 0) holds the touched cells that moved
+        enough since they were last acknowledged, each with the robot's whole evidence for it (mapping.md section 4).
+        """
+        evidence = self._evidence
+        self.roll_to(position_xy_m)
+        cells, aux = self._reconstructor.aux(points, ranges_m, evidence.grid)
+        ticks = np.full(len(cells), stamp_ns // 1_000_000, np.uint32)
+        with self._stage("fuse_hrm"):
+            evidence.fuse_fine(cells, aux, ticks, self._fine_rules)
+        with self._stage("rescale"):
+            return self._acknowledged.moved(self._registers_of(evidence.rescale(cells)))
+
+    def step_scan(
+        self,
+        ranges: npt.NDArray[Any],
+        directions: F32,
+        R_map_robot: F64,
+        laser_position_m: npt.ArrayLike,
+        stamp_ns: int,
+    ) -> Packed:
+        """The same from a range image (u2, RANGE_UNIT_M) and the laser's pose in the map frame; the HRM follows it."""
+        with self._stage("points"):
+            points, ranges_m = points_from_ranges(ranges, directions, R_map_robot, laser_position_m)
+        return self.step(points, ranges_m, np.asarray(laser_position_m)[:2], stamp_ns)
+
+    def acknowledge(self, records: Packed) -> None:
+        """The Map Manager holds these registers (RECORD)."""
+        self._acknowledged.hold(records)
+
+    def adopt(self, row: Packed, fuse: bool) -> None:
+        """Take over the robot's own row as the Map Manager holds it (ROW_RECORD), which becomes what is acknowledged.
+
+        With `fuse` the row is of an earlier life and is fused with what was seen since; without, it only fills gaps.
+        """
+        row = row[row["confidence"] > 0]
+        cells = row["cell"].astype(np.int64)
+        values = values_of(unpack(row, self._evidence.glrm))[cells]
+        ticks = row["tick"].astype(np.uint32)
+        if fuse:
+            self._evidence.fuse_coarse(cells, values, ticks, self._fine_rules, self._coarse_rules)
+        else:
+            missing = self._evidence.coarse[cells, -1] <= 0
+            self._evidence.put(cells[missing], values[missing], ticks[missing])
+        held = np.zeros(len(row), RECORD)
+        for name in RECORD.names or ():
+            held[name] = row[name]
+        self._acknowledged.hold(held)
+
+    def unacknowledged(self) -> Packed:
+        """Every register (RECORD) that differs at all, tick included, from what was acknowledged: the flush."""
+        return self._acknowledged.differing(self.registers())
+
+    def registers(self) -> Packed:
+        """All own evidence as registers (RECORD, ascending cells, seq 0)."""
+        return self._registers_of(self._evidence.known_cells())
+
+    @property
+    def evidence(self) -> CellMap:
+        """The HRM of own evidence alone."""
+        given = expand(self._cut(self._given), self._evidence.factor)
+        return map_of(self._evidence.values, self._evidence.grid, (given.gps_quality, given.communications))
+
+    def llrm(self) -> CellMap:
+        """The HRM's area on GLRM cells, own evidence alone."""
+        return rescale(self.evidence, self._evidence.factor)
+
+    def hrm(self, prior: CellMap) -> CellMap:
+        """The HRM that others see: own evidence fused over the GLRM `prior` under it, as far as that reaches."""
+        under = expand(self._cut(prior), self._evidence.factor)
+        return fuse(under, self.evidence, self._rules, self._slope_max)
+
+    def planning_occupation(self, prior: Values) -> npt.NDArray[np.uint8]:
+        """Occupation of `hrm` (rows, cols) in 1/254, 255 unknown; `prior` as values (cells, 5) of its whole GLRM."""
+        codes = np.empty(self._evidence.grid.shape, np.uint8)
+        glrm, window, factor = self._evidence.glrm, self._evidence.window, self._evidence.factor
+        one, unknown = OCCUPATION_ONE, UNKNOWN_OCCUPATION
+        planning_codes(self._evidence.values, prior, glrm.cols, window, factor, self._fine_rules, one, unknown, codes)
+        return codes
+
+    @property
+    def hrm_grid(self) -> Grid:
+        """Where the HRM is now; asserts that it has been placed."""
+        return self._evidence.grid
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Points dropped so far by reason: not_finite, beyond_range, outside_grid."""
+        return dict(zip(DROP_REASONS, self._reconstructor.dropped.tolist(), strict=True))
+
+    def roll_to(self, position_xy_m: npt.ArrayLike) -> None:
+        """Bring the HRM's centre within one GLRM cell of a position [m, map frame]; `step` does it by itself."""
+        x_m, y_m = np.asarray(position_xy_m, np.float64)[:2].tolist()
+        self._evidence.roll_to(x_m, y_m)
+
+    def _cut(self, glrm: CellMap) -> CellMap:
+        assert self._evidence.window is not None, "no scan yet"
+        return cut(glrm, *self._evidence.window, self._evidence.llrm_grid.shape)
+
+    def _registers_of(self, cells: Cells) -> Packed:
+        height, gradient_x, gradient_y, occupation, confidence = self._evidence.coarse[cells].T
+        ticks = self._evidence.coarse_ticks[cells]
+        return pack(cells, ticks, height, gradient_x, gradient_y, occupation, confidence)

@@ -1,0 +1,82 @@
+"""One scan to the 3DLaserAuxMap (mapping.md section 2, Eq. 1-10)."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph.grid import Grid
+from orograph.layers import CellMap
+from orograph.mapping import reconstruction_kernels as kernels
+from orograph.mapping.cells import Cells, Values, map_of, unknown_values
+from orograph.mapping.rules import SLOPE_MAX
+from orograph.stages import Stage, untimed
+
+DROP_REASONS = ("not_finite", "beyond_range", "outside_grid")
+
+
+class _Workspace(NamedTuple):
+    slot_of_cell: npt.NDArray[np.int32]
+    cell_of_slot: npt.NDArray[np.int64]
+    slot_of_point: npt.NDArray[np.int32]
+    centre: npt.NDArray[np.float64]
+    points: npt.NDArray[np.int64]
+    height: npt.NDArray[np.float64]
+    moments: npt.NDArray[np.float64]
+    hits: npt.NDArray[np.int64]
+    weight: npt.NDArray[np.float64]
+    values: Values
+
+    @classmethod
+    def sized(cls, cells: int, points: int) -> _Workspace:
+        slots = min(cells, points)
+        whole, real = np.int64, np.float64
+        return cls(
+            np.full(cells, -1, np.int32), np.empty(slots, whole), np.empty(points, np.int32),
+            np.empty((slots, 2), real), np.empty(slots, whole), np.empty(slots, real), np.empty((slots, 7), real),
+            np.empty(slots, whole), np.empty(slots, real), np.empty((slots, 5), np.float32),
+        )  # fmt: skip
+
+
+class Reconstructor:
+    """Section 2 on grids of one shape, with its memory kept from scan to scan."""
+
+    def __init__(self, cells: int, range_max_m: float, slope_max: float = SLOPE_MAX, stage: Stage = untimed) -> None:
+        """`cells`: number of cells of the grids to come."""
+        self._cells, self._range_max_m, self._slope_max, self._stage = cells, range_max_m, slope_max, stage
+        self._workspace = _Workspace.sized(cells, 0)
+        self.dropped: npt.NDArray[np.int64] = np.zeros(len(DROP_REASONS), np.int64)
+        """Points dropped so far, in the order of DROP_REASONS."""
+
+    def aux(self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], grid: Grid) -> tuple[Cells, Values]:
+        """Cells (k,) of `grid` that points (n, 3) fell into and their values (k, 5), valid until the next call."""
+        assert points.shape == (len(ranges_m), 3) and grid.size == self._cells, (points.shape, grid)
+        points, ranges_m = np.ascontiguousarray(points, np.float64), np.ascontiguousarray(ranges_m)
+        if len(points) > len(self._workspace.slot_of_point):
+            self._workspace = _Workspace.sized(self._cells, len(points))
+        w, r, s, (x0, y0), side = self._workspace, self._range_max_m, self._slope_max, grid.origin_m, grid.cell_m
+        with self._stage("height"):
+            n = kernels.heights(points, ranges_m, r, x0, y0, side, grid.rows, grid.cols, w, self.dropped)
+        with self._stage("gradients"):
+            kernels.gradients(points, n, side, grid.rows, grid.cols, w)
+        with self._stage("confidence"):
+            kernels.confidences(points, ranges_m, n, r, x0, y0, side, w)
+        with self._stage("occupation"):
+            kernels.occupations(n, s, w)
+        kernels.release(n, w)
+        return w.cell_of_slot[:n], w.values[:n]
+
+
+def reconstruct(
+    points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], grid: Grid, range_max_m: float, slope_max: float = SLOPE_MAX
+) -> CellMap:
+    """The 3DLaserAuxMap of points (n, 3) [m, map frame] measured at ranges (n,) [m] (mapping.md section 2).
+
+    Points that are not finite, beyond `range_max_m` or outside the grid are dropped.
+    """
+    cells, touched = Reconstructor(grid.size, range_max_m, slope_max).aux(points, ranges_m, grid)
+    values = unknown_values(grid.size)
+    values[cells] = touched
+    return map_of(values, grid)
