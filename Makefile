@@ -1,0 +1,42 @@
+# Everything a person types. `make setup` builds .venv and is a no-op when it is current.
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.current
+DEMO ?= scenarios/helsinki
+
+.PHONY: help setup demo check test bench study clean
+.DEFAULT_GOAL := help
+
+help: ## this list
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 10
+
+setup: $(STAMP) ## build .venv from requirements.lock
+
+$(STAMP): requirements.lock pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+demo: setup ## map a district of Helsinki with three robots and write its report
+	$(BIN)/orograph doctor --quiet
+	$(BIN)/orograph run $(DEMO)
+
+check: setup ## style, types, layering
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+test: setup ## every test: units, protocol storms, processes over Zenoh
+	$(BIN)/pytest
+
+bench: setup ## the hot paths, as a table and a last JSON line
+	$(BIN)/python tests/bench/main.py
+
+study: setup ## the paper's Table 3: mapping time with one, two and three robots
+	$(BIN)/orograph study scenarios/paper --robots 1,2,3
+
+clean: ## remove .venv and runs
+	rm -rf $(VENV) runs

@@ -1,0 +1,42 @@
+"""The `orograph` command: one line for what went wrong, exit code 2 for input, 1 for failure, 130 for Ctrl-C."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from orograph.cli import doctor, import_osm, report, run, study
+from orograph.cli.errors import InputError, RunError
+from orograph.edge.scenario_file import ScenarioError
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    top = argparse.ArgumentParser(
+        prog="orograph", description="Robots with 3D lasers build one layered 2.5D map together, over links that drop."
+    )
+    subparsers = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for command in (run, study, report, import_osm, doctor):
+        command.add_parser(subparsers)
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns its exit code."""
+    args = parser().parse_args(argv)
+    try:
+        return int(args.main(args))
+    except (InputError, ScenarioError) as error:
+        print(f"orograph: {error}", file=sys.stderr)
+        return 2
+    except RunError as error:
+        print(f"orograph: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\norograph: interrupted; every process it started has ended", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())
