@@ -22,8 +22,7 @@ def main() -> None:
     scenario = settings.scenario()
     robots = robots_of(scenario)
     node = WorldNode(scenario, robots, scenario.seed)
-    recording = Recording(settings.run_dir, keys.WORLD)
-    with Bus.open(settings.sim, None, guard.stop) as bus:
+    with Recording(settings.run_dir, keys.WORLD) as recording, Bus.open(settings.sim, None, guard.stop) as bus:
         host = NodeHost(bus, [node], scenario, recording)
         down = lambda: (robot for robot, up in node.radio_up().items() if not up)  # noqa: E731
         clock = Clock(bus, host, scenario, guard, ended=lambda: node.ended is not None, down=down)
@@ -35,7 +34,6 @@ def main() -> None:
             "complete": bool(node.ended and node.ended.complete), "deterministic": clock.lost == 0,
             "copies_equal": bool(node.ended and node.ended.copies_equal),
         })  # fmt: skip
-    recording.close()
 
 
 if __name__ == "__main__":

@@ -38,8 +38,8 @@ def build_rounds(scenario: Scenario, out: Path, recording: Recording, stages: di
         *(LaserNode(scenario, r, scenario.seed, robots) for r in robots),
         *(NavigatorNode(scenario, r, scenario.seed) for r in robots),
         *(
-            RobotMappingNode(scenario, r, scenario.seed, r.encode().ljust(16, b"\0"), stages[keys.node(keys.MAPPING, r)])
-            for r in robots
+            RobotMappingNode(scenario, r, scenario.seed, r.encode().ljust(16, b"\0"), stages[name])
+            for r, name in zip(robots, mapping, strict=True)
         ),
     ]
     world = WorldNode(scenario, robots, scenario.seed)
@@ -48,7 +48,13 @@ def build_rounds(scenario: Scenario, out: Path, recording: Recording, stages: di
 
 def run_in_process(scenario: Scenario, out: Path, on_progress: Callable[[Figures, list[str]], None]) -> None:
     """Run the mission whose resolved scenario is in out/parts to its end."""
-    recording = Recording(out, "in-process")
+    with Recording(out, "in-process") as recording:
+        _run(scenario, out, recording, on_progress)
+
+
+def _run(
+    scenario: Scenario, out: Path, recording: Recording, on_progress: Callable[[Figures, list[str]], None]
+) -> None:
     stages: dict[str, StageRecorder] = {}
     rounds = build_rounds(scenario, out, recording, stages)
     begin_s = shown_s = time.monotonic()
@@ -67,4 +73,3 @@ def run_in_process(scenario: Scenario, out: Path, on_progress: Callable[[Figures
         "sim_time_s": rounds.stamp_ns * 1e-9, "wall_time_s": time.monotonic() - begin_s,
         "complete": world.ended.complete, "copies_equal": world.ended.copies_equal, "deterministic": True,
     })  # fmt: skip
-    recording.close()

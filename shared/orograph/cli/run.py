@@ -22,7 +22,9 @@ from orograph.scenario import Scenario
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command's options."""
     parser = subparsers.add_parser(
-        "run", help="run a mission and write its report", description="Run a mission to its end and write its run folder."
+        "run",
+        help="run a mission and write its report",
+        description="Run a mission; write its run folder.",
     )
     parser.add_argument("scenario", help="a folder, a scenario.yaml, or a name in ./scenarios")
     parser.add_argument("--robots", type=int, metavar="N", help="how many robots drive (default: the scenario's)")

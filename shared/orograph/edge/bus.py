@@ -19,7 +19,7 @@ CONTROL = zenoh.Priority.INTERACTIVE_HIGH
 
 
 class Bus:
-    """Sessions by plane. The sim plane blocks rather than drops, as a wire loses nothing; radio messages may be lost."""
+    """Sessions by plane. The sim plane blocks rather than drops, as a wire loses nothing; the radio may lose."""
 
     def __init__(self, sessions: dict[str, zenoh.Session]) -> None:
         self.sessions = sessions

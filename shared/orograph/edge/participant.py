@@ -115,8 +115,8 @@ def take_part(
     instance = uuid.uuid4().hex
     scenario = settings.scenario()
     on_radio = settings.radio if service in keys.RADIO_SERVICES else None
-    recording = Recording(settings.run_dir, f"{service}-{instance[:8]}")
-    with Bus.open(settings.sim, on_radio, guard.stop) as bus:
+    process = f"{service}-{instance[:8]}"
+    with Recording(settings.run_dir, process) as recording, Bus.open(settings.sim, on_radio, guard.stop) as bus:
         if attend is not None:
             attend(bus)
         robots = claim(bus, service, instance, settings, guard.stop) if service in keys.ROBOT_SERVICES else ()
@@ -127,5 +127,4 @@ def take_part(
         with bus.token(service, instance, robots):
             log.info("ready: %s", ", ".join(n.name for n in host.nodes))
             Participant(bus, host, instance, scenario, guard).run()
-            host.save(f"{service}-{instance[:8]}", stages)
-    recording.close()
+            host.save(process, stages)

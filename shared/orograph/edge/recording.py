@@ -23,7 +23,7 @@ def _write_whole(path: Path, content: bytes) -> None:
 
 
 class Recording:
-    """One process's corner of OUT/parts; every event is one JSON line, on disk before the step goes on."""
+    """One process's corner of OUT/parts, as a context manager; an event is one JSON line, written at once."""
 
     def __init__(self, run_dir: Path, process: str) -> None:
         self._parts = run_dir / "parts"
@@ -52,8 +52,10 @@ class Recording:
         """Write parts/<name>.json."""
         _write_whole(self._parts / f"{name}.json", json.dumps(value).encode())
 
-    def close(self) -> None:
-        """Close the event file."""
+    def __enter__(self) -> Recording:
+        return self
+
+    def __exit__(self, *_: object) -> None:
         self._events.flush()
         os.fsync(self._events.fileno())
         self._events.close()

@@ -1,0 +1,36 @@
+"""Real routers in processes of their own, on free loopback ports."""
+
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+
+import pytest
+
+
+def free_endpoint() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@pytest.fixture
+def start_router() -> Iterator[Callable[[str], subprocess.Popen[bytes]]]:
+    started: list[subprocess.Popen[bytes]] = []
+
+    def start(endpoint: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", "services.router", "--listen", endpoint]
+        started.append(subprocess.Popen(command))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+@pytest.fixture
+def endpoint(start_router: Callable[[str], subprocess.Popen[bytes]]) -> str:
+    address = free_endpoint()
+    start_router(address)
+    return address
