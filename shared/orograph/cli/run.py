@@ -85,10 +85,7 @@ def run(
     ports: tuple[int, int] = (0, 0), quiet: bool = False,
 ) -> Path:  # fmt: skip
     """Run a resolved scenario to a finished run folder and return it; raises InputError, RunError."""
-    from orograph.report.folder import compose  # heavy: only once the input is known to be good
-
-    out = prepare_out(out, scenario.name)
-    (out / "parts" / "scenario.json").write_text(scenario.model_dump_json())
+    out = prepare_out(out, scenario)
     begin_s = time.time()
     with nullcontext() if quiet else Progress(scenario) as progress:
         on_progress = progress.show if progress is not None else lambda figures, restarts: None
@@ -100,8 +97,7 @@ def run(
             from orograph.cli.launch import run_processes
 
             run_processes(scenario, out, capacity or default_capacity(scenario), ports, on_progress)
-    _write_run_json(scenario, out, "in-process" if in_process else "processes", begin_s)
-    compose(out)
+    finish(scenario, out, "in-process" if in_process else "processes", begin_s)
     return out
 
 
@@ -110,20 +106,24 @@ def default_capacity(scenario: Scenario) -> int:
     return scenario.robots if (os.cpu_count() or 1) <= 2 else 1
 
 
-def prepare_out(out: Path | None, name: str) -> Path:
-    """A new or empty run folder with parts/ in it; raises InputError where it can't be had."""
+def prepare_out(out: Path | None, scenario: Scenario) -> Path:
+    """A new or empty run folder that says what is to run; raises InputError where it can't be had."""
     if out is None:
-        out = next(p for i in range(1, 10_000) if not (p := Path("runs") / f"{name}-{i:03d}").exists())
+        out = next(p for i in range(1, 10_000) if not (p := Path("runs") / f"{scenario.name}-{i:03d}").exists())
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(f"--out {out}: not an empty folder; name a new one or remove it")
     try:
         (out / "parts").mkdir(parents=True)
+        (out / "parts" / "scenario.json").write_text(scenario.model_dump_json())
     except OSError as error:
         raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None
     return out
 
 
-def _write_run_json(scenario: Scenario, out: Path, runner: str, begin_s: float) -> None:
+def finish(scenario: Scenario, out: Path, runner: str, begin_s: float) -> None:
+    """Compose the finished run folder from what the services left; raises RunError where they left nothing."""
+    from orograph.report.folder import compose  # heavy: only once there is something to compose
+
     world_json = out / "parts" / "world.json"
     if not world_json.exists():
         raise RunError(f"the world left no result; logs are in {out / 'logs'}")
@@ -133,6 +133,7 @@ def _write_run_json(scenario: Scenario, out: Path, runner: str, begin_s: float) 
         **json.loads(world_json.read_text()),
     }  # fmt: skip
     (out / "parts" / "run.json").write_text(json.dumps(run_json))
+    compose(out)
 
 
 def commit() -> str:

@@ -71,9 +71,8 @@ class NodeHost:
         if now - self._shown_s < SHOW_EVERY_S:
             return
         self._shown_s = now
-        rss = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0
         for node in self.nodes:
-            figures = {**node.telemetry(), **self._mailbox.counts, "rss_max_bytes": rss}
+            figures = {**node.telemetry(), **self._mailbox.counts, "rss_max_bytes": rss_max_bytes()}
             self._bus.show(node.name, wire.pack_plain({k: float(v) for k, v in figures.items()}))
 
     def save(self, process: str, stages: Mapping[str, StageRecorder]) -> None:
@@ -83,6 +82,8 @@ class NodeHost:
         for name, recorder in stages.items():
             self._recording.save_stages(name, recorder)
         self._recording.save_json(f"bytes-{process}", self._bytes_by_robot())
+        figures = {"nodes": [n.name for n in self.nodes], "rss_max_bytes": rss_max_bytes(), **self._mailbox.counts}
+        self._recording.save_json(f"process-{process}", figures)
 
     def _bytes_by_robot(self) -> dict[str, dict[str, int]]:
         """Radio bytes by robot, up as sent and down as received by that robot's services in this process."""
@@ -101,3 +102,8 @@ class NodeHost:
         service, robot = keys.split(to)
         held = [keys.split(n.name) for n in self.nodes]
         return sorted({r for s, r in held if r and s == service and robot in (r, "*")})
+
+
+def rss_max_bytes() -> int:
+    """This process's peak resident memory."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

@@ -1,0 +1,74 @@
+"""The hot paths in one table and a last JSON line; absolute times drift on shared machines, ratios do not.
+
+Run by `make bench`. Each `bench_*.py` beside this file gives `figures()`; the mission figures come from a run of
+`paper` with three robots over Zenoh, by the same call sites as any other run.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import sys
+import tempfile
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+import bench_fold
+import bench_mapping
+import bench_physics
+import bench_rays
+from orograph.cli.run import commit, resolve, run
+from orograph.edge.scenario_file import load_scenario
+from rich.console import Console
+from rich.table import Table
+
+GOALS = {
+    "scan_ms": ("<=", 1.0, "30 000 points -> aux -> HRM -> LLRM -> list, median, one core"),
+    "octomap_ratio": (">=", 100.0, "times faster than pyoctomap's insertPointCloud on the same points"),
+    "rays_per_s": (">=", 8e6, "rays with noise, one core"),
+    "physics_ms": ("<=", 1.0, "5 ms step with 30 robots"),
+    "fold_us": ("<=", 1.0, "fold of one cell with 3 contributors"),
+    "rtf_paper_3": (">=", 8.0, "`paper`, 3 robots, lockstep over Zenoh: simulated s per s"),
+    "rss_mapping_mb": ("<=", 250.0, "peak memory of a robot-mapping process with one robot"),
+    "bytes_up_per_robot_s": ("<=", 10_000.0, "radio bytes up per robot and simulated second on `paper`"),
+}
+
+
+def mission_figures(capacity: int) -> dict[str, float]:
+    """Real-time factor, bytes up and memory of one `paper` mission over Zenoh."""
+    scenario = resolve(load_scenario("scenarios/paper"), 3, None, None)
+    with tempfile.TemporaryDirectory() as folder:
+        out = run(scenario, Path(folder) / "run", capacity=capacity, quiet=True)
+        summary = json.loads((out / "summary.json").read_text())
+        processes = [json.loads(p.read_text()) for p in (out / "parts").glob("process-robot-mapping-*.json")]
+    up = summary["bytes_up_per_robot_s"]
+    return {
+        "rtf_paper_3": summary["rtf"],
+        "bytes_up_per_robot_s": max(up.values()) if isinstance(up, dict) else up,
+        "rss_mapping_mb": max(p["rss_max_bytes"] for p in processes) / 1e6,
+    }
+
+
+def main() -> int:
+    """Print the table, then the JSON line."""
+    figures: dict[str, float] = {}
+    for bench in (bench_mapping, bench_rays, bench_physics, bench_fold):
+        figures.update(bench.figures())
+    shared, single = mission_figures(capacity=3), mission_figures(capacity=1)
+    figures.update(shared)
+    figures["rtf_paper_3_one_process_each"] = single["rtf_paper_3"]
+    figures["rss_mapping_mb"] = single["rss_mapping_mb"]
+    table = Table("figure", "measured", "goal", "", "what")
+    for name, (sense, goal, what) in GOALS.items():
+        met = figures[name] <= goal if sense == "<=" else figures[name] >= goal
+        table.add_row(name, f"{figures[name]:,.4g}", f"{sense} {goal:,.4g}", "met" if met else "MISSED", what)
+    Console(width=140).print(table)
+    machine = {"cores": os.cpu_count(), "machine": platform.machine(), "python": platform.python_version()}
+    print(json.dumps({**{k: float(f"{v:.6g}") for k, v in figures.items()}, **machine, "commit": commit()}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
