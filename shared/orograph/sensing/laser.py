@@ -6,16 +6,17 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import ndtri
 
 from orograph.geometry import ray_directions, rotation_from_quaternion
 from orograph.keys import robot_number
 from orograph.messages import RANGE_UNIT_M, Packed
 from orograph.randomness import stream
 from orograph.scenario import LaserSpec, Scenario
-from orograph.scene import Mesh, Scene
-from orograph.sensing.bodies import body_boxes
+from orograph.scene import Scene
+from orograph.sensing.bodies import Bodies, Boxes
 from orograph.sensing.casting import RayCaster
-from orograph.sensing.kernels import range_image, turned
+from orograph.sensing.kernels import range_image
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
@@ -26,6 +27,11 @@ def laser_position_m(laser: LaserSpec, R_map_robot: F64, position_m: F64) -> F64
     return np.asarray(position_m + R_map_robot[:, 2] * laser.height_above_base_m, np.float64)
 
 
+def _noise_quantiles(sigma_m: float) -> F32:
+    """Normal noise [m] (4096,) at the middles of equally likely slices: 12 bits pick one (up to 3.7 sigma)."""
+    return np.asarray(sigma_m * ndtri((np.arange(4096) + 0.5) / 4096), np.float32)
+
+
 class RangeCamera:
     """Casts one range image's rays from a given pose and turns distances into ranges."""
 
@@ -34,19 +40,25 @@ class RangeCamera:
         self._rays = np.ascontiguousarray(self.directions.reshape(-1, 3))
         self._laser = laser
         self._caster = RayCaster(scene, laser.range_max_m)
+        self._noise_m = _noise_quantiles(laser.noise_m)
         self._last_unit = math.ceil(laser.range_max_m / RANGE_UNIT_M) - 1  # strictly below range_max_m in float32 too
 
-    def distances(self, R_map_robot: F64, position_m: F64, boxes: Mesh) -> F32:
-        """True distances (rings * columns,) [m], range_max_m where nothing is met."""
-        origin_m = laser_position_m(self._laser, R_map_robot, position_m)
-        return self._caster.distances(origin_m, turned(self._rays, R_map_robot), boxes)
-
-    def ranges(self, distances_m: F32, noise_m: F32, chance: F32, dropout: float) -> Packed:
-        """Range image (rings, columns) u2 in RANGE_UNIT_M of distances, noise [m] and chances in [0, 1), all (n,)."""
-        image = range_image(
-            distances_m, noise_m, chance, dropout, self._laser.range_min_m, self._last_unit, RANGE_UNIT_M
+    def image(self, R_map_robot: F64, position_m: F64, boxes: Boxes, draws: npt.NDArray[np.uint16]) -> Packed:
+        """Range image (rings, columns) u2 in RANGE_UNIT_M, 0 = no return, by `draws` (2, rings * columns)."""
+        laser = self._laser
+        eye_m = laser_position_m(laser, R_map_robot, position_m)
+        distances_m, places = self._caster.distances(eye_m, R_map_robot, self._rays, boxes)
+        ranges = range_image(
+            distances_m,
+            places,
+            draws,
+            self._noise_m,
+            laser.dropout,
+            laser.range_min_m,
+            self._last_unit,
+            1 / RANGE_UNIT_M,
         )
-        return image.reshape(self._laser.rings, self._laser.columns)
+        return ranges.reshape(laser.rings, laser.columns)
 
 
 class Laser:
@@ -55,21 +67,18 @@ class Laser:
     def __init__(self, scenario: Scenario, robot: str, scene: Scene) -> None:
         self._scenario, self._robot = scenario, robot
         self._own = robot_number(robot) - 1
-        self._camera = RangeCamera(scene, scenario.laser)
+        self._camera, self._bodies = RangeCamera(scene, scenario.laser), Bodies(scenario)
 
     def scan(self, poses: Packed, seed: int, frame: int) -> Packed | None:
         """Range image (rings, columns) u2 in RANGE_UNIT_M, 0 = no return; None while the robot itself is absent.
 
         `poses` (n,) POSE: robots by number, then vehicles. The robot's own body is not seen.
         """
-        if self._own >= len(poses) - len(self._scenario.vehicles) or not poses["present"][self._own]:
+        laser, own = self._scenario.laser, self._own
+        if own >= len(poses) - len(self._scenario.vehicles) or not poses["present"][own]:
             return None
-        position_m = poses["position_m"][self._own]
-        R_map_robot = rotation_from_quaternion(poses["quaternion_wxyz"][self._own])
-        laser = self._scenario.laser
-        boxes = body_boxes(self._scenario, poses, self._own, position_m, laser.range_max_m)
-        distances_m = self._camera.distances(R_map_robot, position_m, boxes)
-        draws = stream(seed, "laser", self._robot, "noise", frame=frame)
-        noise_m = draws.standard_normal(len(distances_m), np.float32) * np.float32(laser.noise_m)
-        chance = draws.random(len(distances_m), np.float32)
-        return self._camera.ranges(distances_m, noise_m, chance, laser.dropout)
+        R_map_robot = rotation_from_quaternion(poses["quaternion_wxyz"][own])
+        boxes = self._bodies.boxes(poses, own, laser.range_max_m)
+        random = stream(seed, "laser", self._robot, "noise", frame=frame)
+        draws = random.integers(0, 65_536, (2, laser.rings * laser.columns), np.uint16)
+        return self._camera.image(R_map_robot, poses["position_m"][own], boxes, draws)

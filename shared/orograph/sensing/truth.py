@@ -15,6 +15,7 @@ from orograph.scene import Scene
 from orograph.scene.mesh import joined
 from orograph.scene.prior import COVERED
 from orograph.scene.terrain import ground_gradient
+from orograph.sensing.bodies import NO_BOXES
 from orograph.sensing.casting import embree_scene
 from orograph.sensing.laser import RangeCamera, laser_position_m
 
@@ -75,11 +76,12 @@ def dense_scans(scene: Scene, poses: npt.ArrayLike, density: int = 2) -> Iterato
     none; rings and columns are `density` times the scenario's.
     """
     spec = scene.scenario.laser
-    laser = spec.model_copy(update={"rings": spec.rings * density, "columns": spec.columns * density})
+    size = {"rings": spec.rings * density, "columns": spec.columns * density}
+    laser = spec.model_copy(update={**size, "noise_m": 0.0, "dropout": 0.0})
     camera = RangeCamera(scene, laser)
-    none = np.zeros(laser.rings * laser.columns, np.float32)
+    no_draws = np.zeros((2, laser.rings * laser.columns), np.uint16)
     for x_m, y_m, yaw_rad in np.asarray(poses, np.float64).reshape(-1, 3):
         R_map_robot, position_m = standing(scene, x_m, y_m, yaw_rad)
-        ranges = camera.ranges(camera.distances(R_map_robot, position_m, joined([])), none, none, 0.0)
+        ranges = camera.image(R_map_robot, position_m, NO_BOXES, no_draws)
         eye_m = laser_position_m(laser, R_map_robot, position_m)
         yield *points_from_ranges(ranges, camera.directions, R_map_robot, eye_m), position_m
