@@ -1,0 +1,70 @@
+"""The static part of the world as one DART skeleton, and how a body stands on the ground.
+
+dartpy builds a mesh shape only from a file, so the triangles pass through a temporary one.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from pathlib import Path
+
+import dartpy as dart
+import numpy as np
+import numpy.typing as npt
+
+from orograph.scene import Mesh, Scene
+
+F64 = npt.NDArray[np.float64]
+
+PLY_FACE = np.dtype([("corners", "u1"), ("vertices", "<i4", (3,))])
+URDF = """<robot name="ground"><link name="ground"><collision><geometry><mesh filename="file://{path}"/>
+</geometry></collision></link></robot>"""
+
+
+def ground_skeleton(mesh: Mesh) -> dart.dynamics.Skeleton:
+    """An immobile skeleton with one Bullet triangle mesh: ground and buildings, in the map frame."""
+    with tempfile.TemporaryDirectory(prefix="orograph-") as folder:
+        path = Path(folder) / "ground.ply"
+        path.write_bytes(_binary_ply(mesh))
+        skeleton = dart.utils.DartLoader().parseSkeletonString(URDF.format(path=path), dart.common.Uri("file:///"))
+    assert skeleton is not None, "DART could not load the ground"
+    skeleton.setMobile(False)
+    return skeleton
+
+
+def _binary_ply(mesh: Mesh) -> bytes:
+    faces = np.empty(len(mesh.faces), PLY_FACE)
+    faces["corners"], faces["vertices"] = 3, mesh.faces
+    header = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(mesh.vertices)}\n"
+        "property float x\nproperty float y\nproperty float z\n"
+        f"element face {len(mesh.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    return header.encode() + mesh.vertices.astype("<f4").tobytes() + faces.tobytes()
+
+
+def standing_rotation(scene: Scene, x_m: float, y_m: float, yaw_rad: float, size_m: tuple[float, float]) -> F64:
+    """R_map_body (3, 3) of a body of length and width `size_m` that stands on the ground with this heading."""
+    half_length, half_width = 0.5 * size_m[0], 0.5 * size_m[1]
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    offsets = np.array([[c, s], [-c, -s], [-s, c], [s, -c]]) * [
+        [half_length],
+        [half_length],
+        [half_width],
+        [half_width],
+    ]
+    ahead, behind, left, right = scene.height_m(x_m + offsets[:, 0], y_m + offsets[:, 1])
+    forward = np.array([c, s, (ahead - behind) / size_m[0]])
+    leftward = np.array([-s, c, (left - right) / size_m[1]])
+    up = np.cross(forward, leftward)
+    x_axis, z_axis = forward / np.linalg.norm(forward), up / np.linalg.norm(up)
+    return np.stack([x_axis, np.cross(z_axis, x_axis), z_axis], axis=1)
+
+
+def isometry(R: F64, position_m: npt.ArrayLike) -> dart.math.Isometry3:
+    """DART's form of a pose."""
+    transform = dart.math.Isometry3()
+    transform.set_rotation(R)
+    transform.set_translation(np.asarray(position_m, np.float64))
+    return transform

@@ -1,0 +1,96 @@
+"""Vehicles on their loops: how far each has come, and how it brakes for what stands in its lane.
+
+Pure arithmetic on distances along loops; bodies are `vehicle_body.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph.scenario import Vehicle
+from orograph.scene import Scene
+
+F64 = npt.NDArray[np.float64]
+
+LOOK_AHEAD_M = 8.0
+"""Free lane that a vehicle asks for before its nose, and more where it needs more to stop."""
+STOP_GAP_M = 2.5
+"""Distance it keeps from what it stops for."""
+BRAKING_MPS2 = 3.0
+SPEEDING_MPS2 = 1.5
+SIDE_GAP_M = 0.6
+"""Room beside the vehicle that still counts as its lane."""
+PATIENCE_S = 5.0
+"""Having stood so long, it no longer heeds vehicles of higher index: no two wait for each other for ever."""
+TABLE_STEP_M = 0.5
+
+
+class Lane:
+    """One vehicle on its loop: distance driven and speed."""
+
+    def __init__(self, scene: Scene, index: int, vehicle: Vehicle) -> None:
+        self._scene, self._index, self.vehicle = scene, index, vehicle
+        self._length_m = scene.vehicle_loop_length_m(index)
+        samples = max(3, math.ceil(self._length_m / TABLE_STEP_M))
+        self._step_m = self._length_m / samples
+        self._table_m = np.array([scene.vehicle_pose(index, k * self._step_m)[:2] for k in range(samples)])
+        self.distance_m = vehicle.start_fraction * self._length_m
+        self.speed_mps = vehicle.speed_mps
+        self.waited_s = 0.0
+
+    def pose(self) -> tuple[float, float, float, float]:
+        """(x, y, z of the ground, yaw) now."""
+        return self._scene.vehicle_pose(self._index, self.distance_m)
+
+    def gap_m(self, centres_m: F64, radii_m: F64) -> float:
+        """Free lane before the nose, given discs (n, 2), (n,) to keep clear of; infinite where nothing stands in it."""
+        if len(centres_m) == 0:
+            return math.inf
+        nose_m = 0.5 * self.vehicle.size_m[0]
+        reach_m = nose_m + max(LOOK_AHEAD_M, STOP_GAP_M + self.vehicle.speed_mps**2 / (2 * BRAKING_MPS2))
+        ahead_m = np.arange(nose_m, min(reach_m, self._length_m - nose_m), self._step_m)
+        rows = np.rint((self.distance_m + ahead_m) / self._step_m).astype(np.int64) % len(self._table_m)
+        away_m = np.linalg.norm(self._table_m[rows][:, None, :] - centres_m[None, :, :], axis=2)
+        blocked = (away_m < radii_m + (0.5 * self.vehicle.size_m[1] + SIDE_GAP_M)).any(axis=1)
+        return float(ahead_m[np.argmax(blocked)] - nose_m) if blocked.any() else math.inf
+
+    def drive(self, gap_m: float, duration_s: float) -> None:
+        """Go on for a frame: speed up to the vehicle's own, or brake to stop STOP_GAP_M before the gap's end."""
+        allowed = math.sqrt(2 * BRAKING_MPS2 * max(0.0, gap_m - STOP_GAP_M)) if math.isfinite(gap_m) else math.inf
+        target = min(self.vehicle.speed_mps, allowed)
+        braked, sped_up = self.speed_mps - 2 * BRAKING_MPS2 * duration_s, self.speed_mps + SPEEDING_MPS2 * duration_s
+        before, self.speed_mps = self.speed_mps, max(0.0, braked, min(target, sped_up))
+        self.distance_m += 0.5 * (before + self.speed_mps) * duration_s
+        self.waited_s = self.waited_s + duration_s if self.speed_mps < 0.05 else 0.0
+
+
+class Traffic:
+    """All vehicles of a scene."""
+
+    def __init__(self, scene: Scene, vehicles: Sequence[Vehicle]) -> None:
+        self.lanes = [Lane(scene, i, vehicle) for i, vehicle in enumerate(vehicles)]
+
+    def drive(self, robots_m: F64, robot_radius_m: float, duration_s: float) -> None:
+        """Move all by one frame; robots (n, 2) stand where the frame begins."""
+        poses = [lane.pose() for lane in self.lanes]
+        gaps = [self._gap_m(i, poses, robots_m, robot_radius_m) for i in range(len(self.lanes))]
+        for lane, gap in zip(self.lanes, gaps, strict=True):
+            lane.drive(gap, duration_s)
+
+    def _gap_m(
+        self, mine: int, poses: Sequence[tuple[float, float, float, float]], robots_m: F64, robot_radius_m: float
+    ) -> float:
+        lane = self.lanes[mine]
+        last_heeded = mine if lane.waited_s > PATIENCE_S else len(self.lanes)
+        centres, radii = list(robots_m), [robot_radius_m] * len(robots_m)
+        for other, (x, y, _, yaw) in zip(self.lanes[:last_heeded], poses[:last_heeded], strict=True):
+            if other is not lane:
+                length, width, _ = other.vehicle.size_m
+                for along in (-0.35 * length, 0.0, 0.35 * length):
+                    centres.append(np.array([x + along * math.cos(yaw), y + along * math.sin(yaw)]))
+                    radii.append(0.5 * width)
+        return lane.gap_m(np.array(centres).reshape(-1, 2), np.array(radii))

@@ -1,0 +1,44 @@
+"""A vehicle as DART sees it: a box whose motion is given, which robots bump into and which nothing moves."""
+
+from __future__ import annotations
+
+import dartpy as dart
+import numpy as np
+import numpy.typing as npt
+
+from orograph.geometry import roll_pitch_yaw
+from orograph.scenario import Vehicle
+from orograph.world.ground import isometry
+
+F64 = npt.NDArray[np.float64]
+
+CLEARANCE_M = 0.2
+
+
+class VehicleBody:
+    """A kinematic box; its frame's origin is the centre of the box's bottom face."""
+
+    def __init__(self, name: str, vehicle: Vehicle) -> None:
+        self.skeleton = dart.dynamics.Skeleton(name)
+        self._joint, self.node = self.skeleton.createFreeJointAndBodyNodePair()
+        self._joint.setActuatorType(dart.dynamics.VELOCITY)
+        length, width, height = vehicle.size_m
+        clearance = min(CLEARANCE_M, 0.5 * height)
+        shape = self.node.createShapeNode(dart.dynamics.BoxShape([length, width, height - clearance]))
+        shape.setRelativeTranslation([0.0, 0.0, 0.5 * (clearance + height)])
+        shape.createCollisionAspect()
+        shape.createDynamicsAspect()
+        self.R, self.position_m = np.eye(3), np.zeros(3)
+
+    def place(self, R_map_vehicle: F64, position_m: F64) -> None:
+        """Where it stands now."""
+        self.R, self.position_m = R_map_vehicle, position_m
+        self._joint.setTransform(isometry(R_map_vehicle, position_m))
+
+    def move(self, R_map_vehicle: F64, position_m: F64, duration_s: float) -> None:
+        """Set the speed that brings it there within a time, from where it was placed or moved to last."""
+        self.place(self.R, self.position_m)
+        turn_rad = np.array(roll_pitch_yaw(self.R.T @ R_map_vehicle))
+        linear = 0.5 * (self.R + R_map_vehicle).T @ (position_m - self.position_m)
+        self.skeleton.setCommands(np.concatenate([turn_rad, linear]) / duration_s)
+        self.R, self.position_m = R_map_vehicle, position_m
