@@ -1,0 +1,71 @@
+"""True driving distances over free cells: what a straight line through a block of houses would hide."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
+from orograph.grid import Grid
+
+UNREACHABLE_M = 1e6
+"""Distance between places that no drive over free cells joins."""
+BLOCKED = 0.95
+"""Occupation from which a cell is an obstacle; unknown cells count as free."""
+
+Metres = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+
+def _joined(free: Mask, rows: int, cols: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Free cells (from, to), flat, that lie (rows >= 0, cols) apart; a diagonal needs both cells beside it free."""
+    number = np.arange(free.size).reshape(free.shape)
+    height, width = free.shape
+    here = (slice(0, height - rows), slice(max(0, -cols), width - max(0, cols)))
+    there = (slice(rows, height), slice(max(0, cols), width + min(0, cols)))
+    beside, above = (here[0], there[1]), (there[0], here[1])
+    joined = free[here] & free[there] & free[beside] & free[above]
+    return number[here][joined], number[there][joined]
+
+
+def _roads(free: Mask, cell_m: float) -> Any:
+    steps = [(0, 1), (1, 0), (1, 1), (1, -1)]
+    pairs = [_joined(free, *step) for step in steps]
+    lengths = [np.full(len(p[0]), cell_m * math.hypot(*step)) for p, step in zip(pairs, steps, strict=True)]
+    start, end = (np.concatenate([p[i] for p in pairs]) for i in (0, 1))
+    return csr_array((np.concatenate(lengths), (start, end)), shape=(free.size, free.size))
+
+
+class DrivingDistances:
+    """Shortest 8-connected drives on one occupation layer (rows, cols), 0..1 with NaN unknown, in metres."""
+
+    def __init__(self, occupation: npt.NDArray[Any], grid: Grid) -> None:
+        assert occupation.shape == grid.shape, (occupation.shape, grid.shape)
+        free = ~(occupation >= BLOCKED)
+        self._grid, self._roads = grid, _roads(free, grid.cell_m)
+        self._free_cells = np.argwhere(free)
+
+    def _cell(self, x_m: float, y_m: float) -> int:
+        """Flat index of the nearest free cell, the lowest index on a tie."""
+        if not len(self._free_cells):
+            return 0
+        x0, y0 = self._grid.origin_m
+        at = ((y_m - y0) / self._grid.cell_m - 0.5, (x_m - x0) / self._grid.cell_m - 0.5)
+        apart = ((self._free_cells - at) ** 2).sum(axis=1)
+        row, col = self._free_cells[int(np.argmin(apart))]
+        return int(row * self._grid.cols + col)
+
+    def between(self, from_xy_m: Sequence[tuple[float, float]], to_xy_m: Sequence[tuple[float, float]]) -> Metres:
+        """Distances (len(from), len(to)) [m], UNREACHABLE_M where no drive leads; places in obstacles move out."""
+        start = np.array([self._cell(*p) for p in from_xy_m], np.int64)
+        end = np.array([self._cell(*p) for p in to_xy_m], np.int64)
+        if not len(start) or not len(end):
+            return np.zeros((len(start), len(end)))
+        places, which = np.unique(start, return_inverse=True)
+        reach_m = np.array([dijkstra(self._roads, directed=False, indices=int(p))[end] for p in places])
+        return np.minimum(reach_m, UNREACHABLE_M)[which]

@@ -1,0 +1,73 @@
+"""Who holds which robot: claims and leases (architecture.md, "Identity")."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from orograph import keys
+
+
+@dataclass(frozen=True)
+class Grant:
+    """Answer to a claim: the robots given, or none and the reason in words."""
+
+    robots: tuple[str, ...]
+    reason: str = ""
+
+
+class Membership:
+    """The table of (service, robot) -> instance; at most one live instance holds each pair."""
+
+    def __init__(self, robots: tuple[str, ...]) -> None:
+        self._robots = robots
+        self._holder: dict[tuple[str, str], str] = {}
+        self._former: dict[tuple[str, str], str] = {}
+
+    def claim(self, service: str, instance: str, capacity: int, wanted: tuple[str, ...] = ()) -> Grant:
+        """Give up to `capacity` free robots, of those `wanted` if any are named; repeated by one instance, the same again."""
+        refusal = self._refusal(service, capacity, wanted)
+        if refusal:
+            return Grant((), refusal)
+        if held := self.held(service, instance):
+            return Grant(held)
+        free = [r for r in (wanted or self._robots) if (service, r) not in self._holder]
+        free.sort(key=lambda r: self._former.get((service, r)) != instance)
+        given = tuple(sorted(free[:capacity]))
+        if not given:
+            named = ", ".join(wanted) or f"all {len(self._robots)} robots"
+            return Grant((), f"{named}: {service} is held by others; wait as a spare")
+        self._hold(service, instance, given)
+        return Grant(given)
+
+    def _refusal(self, service: str, capacity: int, wanted: tuple[str, ...]) -> str:
+        if service not in keys.ROBOT_SERVICES:
+            return f"{service!r} is not a service of a robot ({', '.join(keys.ROBOT_SERVICES)})"
+        if capacity < 1:
+            return f"capacity must be at least 1, got {capacity}"
+        strangers = [r for r in wanted if r not in self._robots]
+        return f"{', '.join(strangers)}: not in this run of {len(self._robots)} robots" if strangers else ""
+
+    def held(self, service: str, instance: str) -> tuple[str, ...]:
+        """Robots that this instance holds, in order."""
+        return tuple(r for r in self._robots if self._holder.get((service, r)) == instance)
+
+    def lost(self, service: str, instance: str) -> None:
+        """The instance's liveliness token is gone: its robots are free, and its again if it is the next to ask."""
+        for robot in self.held(service, instance):
+            del self._holder[(service, robot)]
+
+    def restore(self, tokens: Iterable[tuple[str, str, tuple[str, ...]]]) -> None:
+        """Enter live tokens (service, instance, robots), as after a restart; who is in the table already stays."""
+        for service, instance, robots in tokens:
+            if service in keys.ROBOT_SERVICES:
+                self._hold(service, instance, tuple(r for r in robots if r in self._robots))
+
+    def complete(self) -> tuple[str, ...]:
+        """Robots of which every service is held."""
+        return tuple(r for r in self._robots if all((s, r) in self._holder for s in keys.ROBOT_SERVICES))
+
+    def _hold(self, service: str, instance: str, robots: tuple[str, ...]) -> None:
+        for robot in robots:
+            if self._holder.setdefault((service, robot), instance) == instance:
+                self._former[(service, robot)] = instance

@@ -1,0 +1,135 @@
+"""The patrol divided over robots so that the longest tour is shortest (min-max, open tours), by OR-Tools routing.
+
+Every search ends in a local optimum of its own: no clock and no thread takes part, so the answer is the same everywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from ortools.constraint_solver import pywrapcp, routing_enums_pb2
+
+from orograph.mission.distances import UNREACHABLE_M
+
+Metres = npt.NDArray[np.float64]
+Tours = list[list[int]]
+
+UNIT_M = 0.1
+"""The solver counts in whole decimetres."""
+SPAN_WEIGHTS = (3, 10, 100)
+"""What a metre of the longest tour costs against a metre of all tours; none of them wins always."""
+FIRST_TOURS = ("LOCAL_CHEAPEST_COST_INSERTION", "LOCAL_CHEAPEST_INSERTION", "PATH_CHEAPEST_ARC")
+THOROUGH_WAYPOINTS = 16
+"""Up to here every weight is tried with every first tour; beyond, where a search takes long, one first tour is enough."""
+FOREVER_S = 10**9
+
+
+@dataclass(frozen=True)
+class _Patrol:
+    """Distances (n, n) with the robots' starts first, and for each waypoint the robots that may take it."""
+
+    distance_m: Metres
+    robots: int
+    takers: tuple[tuple[int, ...], ...]
+
+    def length_m(self, robot: int, tour: Sequence[int]) -> float:
+        """Length of an open tour from the robot's start."""
+        stops = [robot, *(self.robots + w for w in tour)]
+        return float(sum(self.distance_m[a, b] for a, b in zip(stops, stops[1:], strict=False)))
+
+
+def split_patrol(robots: int, distance_m: Metres, barred: Sequence[Collection[int]] = ()) -> Tours:
+    """Waypoints in driving order for each robot, every waypoint exactly once.
+
+    `distance_m` (robots + waypoints, robots + waypoints) [m] has the starts first. `barred[robot]` are waypoints that this
+    robot must not take unless all are barred. A waypoint that no robot reaches ends one of the shortest tours.
+    """
+    assert robots >= 1 and distance_m.shape[0] == distance_m.shape[1] >= robots, (robots, distance_m.shape)
+    barred = barred or [()] * robots
+    waypoints = range(len(distance_m) - robots)
+    willing = [[r for r in range(robots) if w not in barred[r]] or list(range(robots)) for w in waypoints]
+    takers = [tuple(r for r in willing[w] if distance_m[r, robots + w] < UNREACHABLE_M) for w in waypoints]
+    patrol = _Patrol(distance_m, robots, tuple(takers))
+    reachable = [w for w in waypoints if takers[w]]
+    tours = _even_out(patrol, _best_tours(patrol, list(range(robots)), reachable))
+    for w in waypoints:
+        if not takers[w]:
+            shortest = min(willing[w], key=lambda r: (patrol.length_m(r, tours[r]), len(tours[r]), r))
+            tours[shortest].append(w)
+    return tours
+
+
+def longest_m(robots: int, distance_m: Metres, tours: Tours) -> float:
+    """Length of the longest tour [m]."""
+    patrol = _Patrol(distance_m, robots, ())
+    return max(patrol.length_m(robot, tour) for robot, tour in enumerate(tours))
+
+
+def _best_tours(patrol: _Patrol, robots: list[int], waypoints: list[int]) -> Tours:
+    """The best of several searches over some robots and waypoints, in the order of `robots`."""
+    if not waypoints:
+        return [[] for _ in robots]
+    firsts = FIRST_TOURS if len(waypoints) <= THOROUGH_WAYPOINTS else FIRST_TOURS[:1]
+    weights = SPAN_WEIGHTS if len(robots) <= 2 or len(waypoints) <= THOROUGH_WAYPOINTS else SPAN_WEIGHTS[:2]
+    found = [_search(patrol, robots, waypoints, first, weight) for first in firsts for weight in weights]
+    return min(found, key=lambda tours: _lengths_m(patrol, robots, tours))
+
+
+def _lengths_m(patrol: _Patrol, robots: list[int], tours: Tours) -> list[float]:
+    return sorted((patrol.length_m(r, tour) for r, tour in zip(robots, tours, strict=True)), reverse=True)
+
+
+def _even_out(patrol: _Patrol, tours: Tours) -> Tours:
+    """Share the longest tour anew with one other robot at a time, until none of them can shorten it."""
+    lengths_m = [patrol.length_m(r, tour) for r, tour in enumerate(tours)]
+    while True:
+        longest = max(range(patrol.robots), key=lambda r: (lengths_m[r], -r))
+        for other in sorted(set(range(patrol.robots)) - {longest}, key=lambda r: (lengths_m[r], r)):
+            pair = [longest, other]
+            shared = _best_tours(patrol, pair, sorted(tours[longest] + tours[other]))
+            if _lengths_m(patrol, pair, shared)[0] < lengths_m[longest] - UNIT_M:
+                for robot, tour in zip(pair, shared, strict=True):
+                    tours[robot], lengths_m[robot] = tour, patrol.length_m(robot, tour)
+                break
+        else:
+            return tours
+
+
+def _search(patrol: _Patrol, robots: list[int], waypoints: list[int], first: str, weight: int) -> Tours:
+    places = [*robots, *(patrol.robots + w for w in waypoints)]
+    end = len(places)
+    manager = pywrapcp.RoutingIndexManager(end + 1, len(robots), list(range(len(robots))), [end] * len(robots))
+    routing = pywrapcp.RoutingModel(manager)
+    cost = np.zeros((end + 1, end + 1), np.int64)
+    cost[:end, :end] = np.round(patrol.distance_m[np.ix_(places, places)] / UNIT_M)
+    transit = routing.RegisterTransitMatrix(cost.tolist())
+    routing.SetArcCostEvaluatorOfAllVehicles(transit)
+    routing.AddDimension(transit, 0, int(cost.sum()) + 1, True, "driven")
+    routing.GetDimensionOrDie("driven").SetGlobalSpanCostCoefficient(weight)
+    for i, w in enumerate(waypoints):
+        vehicles = [v for v, r in enumerate(robots) if r in patrol.takers[w]]
+        if len(vehicles) < len(robots):
+            routing.SetAllowedVehiclesForIndex(vehicles, manager.NodeToIndex(len(robots) + i))
+    solution = routing.SolveWithParameters(_parameters(first))
+    assert solution is not None, "a patrol without limits always has a solution"
+    return [_tour(routing, manager, solution, v, waypoints) for v in range(len(robots))]
+
+
+def _parameters(first: str) -> Any:
+    parameters = pywrapcp.DefaultRoutingSearchParameters()
+    parameters.first_solution_strategy = getattr(routing_enums_pb2.FirstSolutionStrategy, first)
+    parameters.local_search_metaheuristic = routing_enums_pb2.LocalSearchMetaheuristic.GREEDY_DESCENT
+    parameters.lns_time_limit.seconds = FOREVER_S  # the default, 0.1 s of wall time, would differ by machine
+    return parameters
+
+
+def _tour(routing: Any, manager: Any, solution: Any, vehicle: int, waypoints: list[int]) -> list[int]:
+    tour, index = [], solution.Value(routing.NextVar(routing.Start(vehicle)))
+    while not routing.IsEnd(index):
+        tour.append(waypoints[manager.IndexToNode(index) - routing.vehicles()])
+        index = solution.Value(routing.NextVar(index))
+    return tour
