@@ -1,0 +1,31 @@
+"""`orograph report`: make a run folder's report again from the parts it holds."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from orograph.cli.errors import InputError
+from orograph.edge.cache import cache_folder
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command's options."""
+    parser = subparsers.add_parser(
+        "report", help="make a run's report again",
+        description="Score a run again from the parts in its folder; writes report.html and summary.json anew.",
+    )  # fmt: skip
+    parser.add_argument("folder", type=Path, help="run folder, as `orograph run` leaves it")
+    parser.set_defaults(main=main)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Compose the folder anew and say where the report is; raises InputError for a folder without a run."""
+    from orograph.report.folder import REPORT, FolderError, compose  # heavy: only once there is something to do
+
+    try:
+        compose(args.folder, cache_folder())
+    except FolderError as error:
+        raise InputError(str(error)) from None
+    print(args.folder / REPORT)
+    return 0

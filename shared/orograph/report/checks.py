@@ -1,0 +1,139 @@
+"""What a run promised, checked from what it left behind, apart from what its services claimed (protocol.md, invariants 1-3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph import keys
+from orograph.messages import Packed
+from orograph.protocol.fold import REGISTER, FoldRules, fold_registers, whole_prior
+from orograph.protocol.tiles import map_hash
+from orograph.report.parts import RunParts
+from orograph.scene.prior import prior_records
+
+
+@dataclass(frozen=True)
+class Check:
+    """One promise: kept, broken, or None where the run left too little to tell."""
+
+    promise: str
+    ok: bool | None
+    found: str
+
+
+@dataclass(frozen=True, eq=False)
+class Ledger:
+    """Registers and copies, as robots and manager hold them at the end."""
+
+    glrm: Packed | None
+    """The manager's cells (n,), None where it left none."""
+    copies: Mapping[str, Packed]
+    own: Mapping[str, Packed]
+    """Robot -> its own registers (m,) with epoch and seq."""
+    acked: Mapping[str, Packed]
+    """Robot -> those of its registers (cell, epoch, seq) that were acknowledged to it."""
+    held: Packed
+    """REGISTERs (k,) at the manager."""
+
+
+def read_ledger(parts: RunParts) -> Ledger:
+    """The registers and copies among the artifacts."""
+    manager = parts.of(keys.MANAGER)
+    robots = {robot: parts.of(keys.MAPPING, robot) for robot in parts.robots}
+    return Ledger(
+        glrm=manager.get("glrm"),
+        copies={r: a["copy"] for r, a in robots.items() if "copy" in a},
+        own={r: a["registers"] for r, a in robots.items() if "registers" in a},
+        acked={r: a["acknowledged"] for r, a in robots.items() if "acknowledged" in a},
+        held=manager.get("registers", np.zeros(0, REGISTER)),
+    )
+
+
+def lost_cells(ledger: Ledger, robot: str) -> int:
+    """How many acknowledged registers of a robot the manager misses, or holds only in an older form (invariant 1)."""
+    mine = ledger.held[ledger.held["robot"] == keys.robot_number(robot)]
+    newest = {int(r["cell"]): (int(r["epoch"]), int(r["seq"])) for r in mine}
+    acked = ledger.acked.get(robot, ())
+    return sum(newest.get(int(r["cell"]), (0, 0)) < (int(r["epoch"]), int(r["seq"])) for r in acked)
+
+
+def own_fold(parts: RunParts, ledger: Ledger) -> Packed:
+    """The map that the robots' own last evidence gives, without the manager's help."""
+    prior = whole_prior(prior_records(parts.scenario), parts.glrm_grid.size)
+    registers = [_register(robot, own) for robot, own in ledger.own.items()]
+    everyone = np.concatenate([np.zeros(0, REGISTER), *registers])
+    return fold_registers(prior, everyone, FoldRules.of(parts.scenario.rules))
+
+
+def _register(robot: str, own: Packed) -> npt.NDArray[Any]:
+    live = own[own["confidence"] > 0]
+    out = np.zeros(len(live), REGISTER)
+    out["robot"] = keys.robot_number(robot)
+    for name in set(REGISTER.names or ()) & set(live.dtype.names or ()):
+        out[name] = live[name]
+    return out
+
+
+def checks(parts: RunParts, ledger: Ledger) -> list[Check]:
+    """Every promise of a run, in the order in which a reader asks."""
+    return [_ended(parts), _deterministic(parts), _copies(parts, ledger), _fold(parts, ledger), _nothing_lost(parts, ledger)]
+
+
+def _ended(parts: RunParts) -> Check:
+    complete = bool(parts.run.get("complete"))
+    found = "Patrol driven, every robot flushed." if complete else "Time was up, or a robot never flushed."
+    return Check("The mission ended by itself", complete, found)
+
+
+def _deterministic(parts: RunParts) -> Check:
+    sure = bool(parts.run.get("deterministic"))
+    found = "No link was cut but by the scenario, no wait ran out." if sure else "Paced time, or a wait at the barrier ran out."
+    return Check("Same scenario and seed give the same map", sure, found)
+
+
+def copies_equal(parts: RunParts, ledger: Ledger) -> bool | None:
+    """Whether every robot's copy has the manager's hash; None where one of them left no map."""
+    if ledger.glrm is None or set(ledger.copies) != set(parts.robots):
+        return None
+    wanted = map_hash(ledger.glrm)
+    return all(map_hash(copy) == wanted for copy in ledger.copies.values())
+
+
+def _copies(parts: RunParts, ledger: Ledger) -> Check:
+    if ledger.glrm is None:
+        return Check("Every robot holds the manager's map", None, "The map manager left no map.")
+    wanted = map_hash(ledger.glrm)
+    same = sum(map_hash(copy) == wanted for copy in ledger.copies.values())
+    found = f"{same} of {len(parts.robots)} copies have the hash {wanted.hex()[:12]}…"
+    return Check("Every robot holds the manager's map, bit for bit", copies_equal(parts, ledger), found)
+
+
+def _fold(parts: RunParts, ledger: Ledger) -> Check:
+    promise = "The map is the fold of the robots' own last evidence"
+    if ledger.glrm is None or set(ledger.own) != set(parts.robots):
+        return Check(promise, None, "Registers of the manager or of a robot are missing.")
+    wanted, glrm = own_fold(parts, ledger), ledger.glrm
+    differ = int(sum_differing(wanted, glrm))
+    registers = sum(int((own["confidence"] > 0).sum()) for own in ledger.own.values())
+    found = f"{registers:,} registers folded again: " + (f"{differ:,} cells differ." if differ else "equal in every cell.")
+    return Check(promise, differ == 0, found)
+
+
+def sum_differing(a: Packed, b: Packed) -> int:
+    """In how many cells two maps (n,) differ in any value."""
+    fields = ("height", "gradient_x", "gradient_y", "occupation", "confidence")
+    return int(np.any([a[name] != b[name] for name in fields], axis=0).sum())
+
+
+def _nothing_lost(parts: RunParts, ledger: Ledger) -> Check:
+    promise = "Nothing that was acknowledged is lost"
+    if ledger.glrm is None or set(ledger.acked) != set(parts.robots):
+        return Check(promise, None, "Registers of the manager or of a robot are missing.")
+    lost = sum(lost_cells(ledger, robot) for robot in parts.robots)
+    acked = sum(len(acked) for acked in ledger.acked.values())
+    return Check(promise, lost == 0, f"{acked:,} acknowledged cells, {lost:,} of them missing at the manager.")

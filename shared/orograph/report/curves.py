@@ -1,0 +1,163 @@
+"""Pictures of quantities: coverage and backlog over time, error by confidence, pose error, the run's events."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from orograph.report import palette
+from orograph.report.palette import Picture
+from orograph.report.score import CONFIDENCE_BINS, SHARES, MapScore
+
+F64 = npt.NDArray[np.float64]
+Series = Mapping[str, tuple[F64, F64]]
+"""Robot -> (time [s], value)."""
+
+
+def coverage(
+    time_s: F64, share: F64, reached_s: Mapping[int, float | None], radio_down: Mapping[str, Sequence[tuple[float, float]]],
+    backlog: Series, end_s: float,
+) -> Picture:  # fmt: skip
+    """Coverage (0..1) over time with its milestones; below it each robot's backlog [cells] and radio silence."""
+    robots = list(dict.fromkeys([*radio_down, *backlog]))
+
+    def draw(figure: Figure) -> None:
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
+        _coverage(upper, time_s, share, reached_s)
+        for i, robot in enumerate(robots):
+            _backlog(lower, robot, i, backlog.get(robot), radio_down.get(robot, ()))
+        lower.set_xlim(0, max(end_s, 1.0))
+        lower.set_ylim(bottom=0)
+        lower.set_xlabel("simulation time [s]")
+        lower.set_ylabel("cells waiting")
+        lower.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
+
+    return palette.picture(
+        (10.0, 5.2),
+        "Above: share of the cells observable from the patrol that the global map holds with confidence 64 and more. "
+        "Below: cells each robot holds that the map manager has not acknowledged yet; bands mark the time without radio. "
+        "A robot in a shadow piles up, then empties within seconds of its return.",
+        "Line chart of coverage rising over simulation time, and of each robot's backlog of unsent cells.",
+        draw,
+    )
+
+
+def _coverage(axes: Axes, time_s: F64, share: F64, reached_s: Mapping[int, float | None]) -> None:
+    axes.fill_between(time_s, 100 * share, color=palette.ROBOT_COLOURS[0], alpha=0.12, lw=0, step="post")
+    axes.step(time_s, 100 * share, color=palette.ROBOT_COLOURS[0], lw=1.8, where="post")
+    for level in SHARES:
+        at = reached_s.get(level)
+        axes.axhline(level, color=palette.RULE, lw=0.6, zorder=0)
+        if at is not None:
+            axes.plot(at, level, "o", ms=4.5, color=palette.INK)
+            axes.annotate(f"{level} % at {at:.0f} s", (at, level), (6, -11), textcoords="offset points", fontsize=8)
+    axes.set_ylim(0, 104)
+    axes.set_ylabel("coverage [%]")
+
+
+def _backlog(
+    axes: Axes, robot: str, i: int, series: tuple[F64, F64] | None, silent: Sequence[tuple[float, float]]
+) -> None:
+    colour = palette.robot_colour(i)
+    for begin, end in silent:
+        axes.axvspan(begin, end, color=colour, alpha=0.13, lw=0)
+    if series is not None:
+        axes.step(*series, color=colour, lw=1.3, where="post", label=robot)
+
+
+def error_by_confidence(scores: Mapping[str, tuple[MapScore, MapScore]]) -> Picture:
+    """Height RMSE in each confidence bin, per map ('GLRM', 'HRM'), against both truths."""
+
+    def draw(figure: Figure) -> None:
+        all_axes = figure.subplots(1, len(scores), squeeze=False)[0]
+        for axes, (title, pair) in zip(all_axes, scores.items(), strict=True):
+            _bin_bars(axes, pair)
+            axes.set_title(title)
+        all_axes[0].set_ylabel("height RMSE [m]")
+        all_axes[0].legend(fontsize=8)
+
+    return palette.picture(
+        (10.0, 3.4),
+        "Does confidence mean anything? Root mean square of the height error [m] by the map's own confidence; the count above each bar is "
+        "the number of cells. Below 64 a cell is mostly prior.",
+        "Bar charts of height error by confidence bin for the global and the local maps.",
+        draw,
+    )
+
+
+def _bin_bars(axes: Axes, pair: tuple[MapScore, MapScore]) -> None:
+    labels = [f"{low}–{high - 1}" for low, high in CONFIDENCE_BINS]
+    names = ("true surface", "same rules, ideal scans")
+    for i, (score, name, colour) in enumerate(zip(pair, names, palette.ROBOT_COLOURS, strict=False)):
+        heights = [0.0 if not e.cells else e.rmse_m for e in score.by_confidence]
+        bars = axes.bar(np.arange(len(labels)) + (i - 0.5) * 0.36, heights, 0.33, color=colour, label=name)
+        counts = [f"{e.cells:,}" if e.cells else "none" for e in score.by_confidence]
+        axes.bar_label(bars, counts, fontsize=7, color=palette.QUIET, padding=2)
+    axes.set_xticks(range(len(labels)), labels)
+    axes.set_xlabel("confidence")
+
+
+def pose_errors(errors_m: Series, end_s: float) -> Picture:
+    """Distance between estimated and true position over time, per robot."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        for i, (robot, (time_s, error)) in enumerate(errors_m.items()):
+            axes.plot(time_s, 100 * error, color=palette.robot_colour(i), lw=1.1, label=robot)
+        axes.set_xlim(0, max(end_s, 1.0))
+        axes.set_ylim(bottom=0)
+        axes.set_xlabel("simulation time [s]")
+        axes.set_ylabel("position error [cm]")
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
+
+    return palette.picture(
+        (10.0, 2.9),
+        "How well each robot knew where it was: distance between its estimate and the truth, in the plane [cm]. Map heights are "
+        "placed by this estimate. Humps are stretches of poor satellite reception.",
+        "Line chart of position error in centimetres over simulation time, one line per robot.",
+        draw,
+    )
+
+
+def timeline(events: Sequence[Mapping[str, Any]], lanes: Sequence[str], end_s: float) -> Picture:
+    """Noted events over time, a lane per robot or service."""
+    kinds = list(dict.fromkeys(str(e.get("event", "?")) for e in events))
+    marks = "osD^vP*Xhd<>p"
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        for k, kind in enumerate(kinds):
+            here = [e for e in events if e.get("event", "?") == kind]
+            x = [int(e.get("stamp_ns", 0)) / 1e9 for e in here]
+            y = [lanes.index(lane_of(e)) for e in here]
+            colour = palette.ALARM if kind in TROUBLE else palette.ROBOT_COLOURS[k % len(palette.ROBOT_COLOURS)]
+            axes.plot(x, y, marks[k % len(marks)], ms=5.5, color=colour, alpha=0.85, label=kind, mec="#ffffff", mew=0.4)
+        axes.set_yticks(range(len(lanes)), lanes)
+        axes.set_ylim(len(lanes) - 0.5, -0.5)
+        axes.set_xlim(-0.01 * end_s, 1.01 * end_s)
+        axes.grid(axis="y", color=palette.RULE, lw=0.6)
+        axes.set_xlabel("simulation time [s]")
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.05), fontsize=8, ncols=1 + len(kinds) // 12)
+
+    return palette.picture(
+        (10.0, 1.3 + 0.42 * len(lanes)),
+        "What the services had to say, in order: missions, hand-overs, troubles. Red marks are troubles.",
+        "Timeline of events, a lane for each robot and service.",
+        draw,
+    )
+
+
+TROUBLE = frozenset(
+    ("stuck", "gave-up", "fenced", "store-full", "rejected", "robot-lost", "died", "restarted", "killed", "fault")
+)
+"""Kinds of events that a reader should look at."""
+
+
+def lane_of(event: Mapping[str, Any]) -> str:
+    """The robot an event is about, else the service that noted it."""
+    return str(event.get("robot") or event.get("service") or "run")

@@ -1,0 +1,56 @@
+"""report.html: one self-contained page from a judged run; numbers come from `summary`, pictures from the drawing modules."""
+
+from __future__ import annotations
+
+import math
+from importlib import resources
+
+import jinja2
+
+from orograph.report.gallery import Gallery, gallery
+from orograph.report.parts import RunParts
+from orograph.report.score import CONFIDENCE_BINS, OCCUPIED, SHARES
+from orograph.report.summary import Verdict
+from orograph.report.timing import PAPER_ROBOTS, PAPER_TABLE_3_S, table_2
+
+
+def render(parts: RunParts, verdict: Verdict) -> str:
+    """The whole page as HTML text without any outside request."""
+    return _template("report.html.j2").render(
+        parts=parts,
+        run=parts.run,
+        scenario=parts.scenario,
+        verdict=verdict,
+        summary=verdict.summary,
+        pictures=_pictures(parts, verdict),
+        table_2=table_2(parts),
+        paper_robots=PAPER_ROBOTS,
+        paper_table_3=PAPER_TABLE_3_S,
+        bins=CONFIDENCE_BINS,
+        shares=SHARES,
+        occupied=OCCUPIED,
+    )
+
+
+def _pictures(parts: RunParts, verdict: Verdict) -> Gallery:
+    return gallery(parts, verdict)
+
+
+def _template(name: str) -> jinja2.Template:
+    source = resources.files("orograph.report").joinpath(name).read_text(encoding="utf-8")
+    style = resources.files("orograph.report").joinpath("style.css.j2").read_text(encoding="utf-8")
+    loader = jinja2.DictLoader({name: source, "style.css.j2": style})
+    environment = jinja2.Environment(
+        loader=loader, autoescape=jinja2.select_autoescape(default=True), undefined=jinja2.StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    environment.filters["fixed"] = fixed
+    environment.filters["percent"] = lambda share: fixed(None if share is None else 100 * share, 1)
+    return environment.get_template(name)
+
+
+def fixed(value: float | None, digits: int = 2) -> str:
+    """A number with this many digits and thin thousands marks; a dash for what is unknown."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    return f"{value:,.{digits}f}".replace(",", "\u202f").replace("-", "\u2212")

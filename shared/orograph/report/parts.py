@@ -1,0 +1,90 @@
+"""What the services left behind, as one object: the only input of score, checks and report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph import keys
+from orograph.grid import Grid
+from orograph.layers import MAPPED_LAYERS, CellMap, Layer
+from orograph.scenario import Scenario
+
+Arrays = Mapping[str, npt.NDArray[Any]]
+EMPTY: Arrays = {}
+
+
+@dataclass(frozen=True, eq=False)
+class RunParts:
+    """One run: its scenario, what the runner says of it, each node's artifacts, timings, radio bytes and events."""
+
+    scenario: Scenario
+    run: Mapping[str, Any]
+    """seed, robots, mode, runner, commit, sim_time_s, wall_time_s, complete, copies_equal, deterministic."""
+    nodes: Mapping[str, Arrays]
+    """Node name (`laser/robot_001`) -> artifacts."""
+    stages_ns: Mapping[str, Mapping[str, npt.NDArray[np.int64]]] = field(default_factory=dict)
+    """Node name -> stage -> durations [ns]."""
+    bytes_up: Mapping[str, int] = field(default_factory=dict)
+    """Robot -> bytes it sent on the radio plane."""
+    bytes_down: Mapping[str, int] = field(default_factory=dict)
+    events: tuple[Mapping[str, Any], ...] = ()
+    """Ordered by stamp_ns."""
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Ids of the run's robots."""
+        return tuple(keys.robot_id(i + 1) for i in range(int(self.run["robots"])))
+
+    @property
+    def glrm_grid(self) -> Grid:
+        """The scenario's GLRM grid."""
+        return self.scenario.grid.grid
+
+    @property
+    def sim_time_s(self) -> float:
+        """Length of the run in simulation time."""
+        return float(self.run["sim_time_s"])
+
+    def of(self, service: str, robot: str | None = None) -> Arrays:
+        """Artifacts of a node, empty where it left none."""
+        return self.nodes.get(keys.node(service, robot), EMPTY)
+
+    def missing(self) -> tuple[str, ...]:
+        """Nodes that should have left artifacts and did not."""
+        wanted = [keys.node(s) for s in (keys.WORLD, keys.MANAGER, keys.ORCHESTRATOR)]
+        wanted += [keys.node(s, r) for r in self.robots for s in keys.ROBOT_SERVICES]
+        return tuple(name for name in wanted if name not in self.nodes)
+
+    def hrm(self, robot: str) -> CellMap | None:
+        """A robot's last HRM (evidence over the prior), None where it left none."""
+        arrays = self.of(keys.MAPPING, robot)
+        if any(f"hrm_{name}" not in arrays for name in MAPPED_LAYERS):
+            return None
+        height = arrays["hrm_height"]
+        x0, y0 = (float(v) for v in arrays["hrm_origin_m"])
+        shape = (int(height.shape[0]), int(height.shape[1]))
+        out = CellMap.unknown(Grid((x0, y0), float(arrays["hrm_cell_m"]), shape))
+        for name in MAPPED_LAYERS:
+            getattr(out, name)[...] = arrays[f"hrm_{name}"]
+        return out
+
+    def hrms(self) -> Iterator[tuple[str, CellMap]]:
+        """Pairs (robot, HRM) of those that left one."""
+        for robot in self.robots:
+            hrm = self.hrm(robot)
+            if hrm is not None:
+                yield robot, hrm
+
+    def initial_hrm_height(self, robot: str) -> tuple[Grid, Layer] | None:
+        """Grid and height layer of a robot's HRM before its first scan."""
+        arrays = self.of(keys.MAPPING, robot)
+        if "initial_hrm_height" not in arrays:
+            return None
+        height: Layer = arrays["initial_hrm_height"].astype(np.float32)
+        x0, y0 = (float(v) for v in arrays["initial_hrm_origin_m"])
+        return Grid((x0, y0), float(arrays["hrm_cell_m"]), (int(height.shape[0]), int(height.shape[1]))), height
