@@ -1,0 +1,1 @@
+"""Missions: dividing the patrol, and driving it (pose, planning, following)."""

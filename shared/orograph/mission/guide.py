@@ -1,0 +1,139 @@
+"""From maps and a goal to a path: the global route, the local path along it, and what blocks it now."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph.messages import UNKNOWN_OCCUPATION, PlanningMap
+from orograph.mission.planner import (
+    BLOCKED,
+    LocalPath,
+    PointXY,
+    global_route,
+    local_path,
+    local_target,
+    local_window,
+    planning_grid,
+)
+from orograph.mission.planner_kernel import first_blocked, obstacle_near_m
+
+F64 = npt.NDArray[np.float64]
+
+SECOND_NS = 1_000_000_000
+BODY_M = 0.7
+"""An obstacle's cell centre nearer than this to the path blocks it."""
+LEAVING_M = 1.2
+OFF_ROUTE_M = 15.0
+BLIND_S = 1.5
+SHUT_S = 90.0
+"""For so long the global route avoids a place where the robot has failed."""
+
+
+class Guide:
+    """Holds the newest maps, the route to the goal, and the places that are shut for a while."""
+
+    def __init__(self) -> None:
+        self._local: PlanningMap | None = None
+        self._global: PlanningMap | None = None
+        self._route: F64 | None = None
+        self._goal: PointXY | None = None
+        self._shut: dict[tuple[int, int], int] = {}
+        self.global_replans = 0
+        self.local_replans = 0
+
+    def take(self, planning_map: PlanningMap) -> None:
+        """Keep a newer map; a new GLRM that blocks the present route makes it be planned anew."""
+        if not planning_map.is_global:
+            self._local = planning_map
+            return
+        self._global = planning_map
+        if self._route is not None and self._crosses_new_block(planning_map):
+            self._route = None
+
+    def _crosses_new_block(self, planning_map: PlanningMap) -> bool:
+        assert self._route is not None
+        rows, cols = planning_grid(planning_map).rows_cols(self._route[1:-1])
+        values = planning_map.occupation[rows, cols]
+        return bool(np.any((values >= BLOCKED) & (values != UNKNOWN_OCCUPATION)))
+
+    def sees(self, now_ns: int) -> bool:
+        """Whether there is a GLRM and a local map that is not too old to drive by."""
+        fresh = self._local is not None and now_ns - self._local.stamp_ns <= BLIND_S * SECOND_NS
+        return fresh and self._global is not None
+
+    @property
+    def local_stamp_ns(self) -> int:
+        """Stamp of the newest local map, -1 before the first."""
+        return self._local.stamp_ns if self._local is not None else -1
+
+    def aim(self, goal: PointXY) -> bool:
+        """Set the goal; True if it is another one."""
+        changed = goal != self._goal
+        if changed:
+            self._goal, self._route = goal, None
+        return changed
+
+    def shut_ahead(self, now_ns: int, x_m: float, y_m: float) -> None:
+        """Avoid the part of the route 4 to 14 m ahead for a while: the robot has failed there."""
+        if self._route is None or self._global is None:
+            return
+        away = np.hypot(self._route[:, 0] - x_m, self._route[:, 1] - y_m)
+        ahead = np.arange(len(away)) >= int(np.argmin(away))
+        grid = planning_grid(self._global)
+        for x, y in self._route[ahead & (away > 4.0) & (away < 14.0)]:
+            cell = grid.row_col(x, y)
+            if cell is not None:
+                self._shut[cell] = now_ns
+        self._route = None
+
+    def plan(self, now_ns: int, x_m: float, y_m: float) -> LocalPath | None:
+        """A fresh local path towards the goal; None if there is no way."""
+        if self._goal is None or self._global is None or self._local is None:
+            return None
+        if self._route is not None and np.min(np.hypot(*(self._route - (x_m, y_m)).T)) > OFF_ROUTE_M:
+            self._route = None
+        if self._route is None:
+            self._shut = {cell: t for cell, t in self._shut.items() if now_ns - t < SHUT_S * SECOND_NS}
+            self._route = global_route(self._global, (x_m, y_m), self._goal, self._shut)
+            self.global_replans += 1
+        window = local_window(self._local, (x_m, y_m))
+        if self._route is None or window is None:
+            return None
+        self.local_replans += 1
+        target, is_end = local_target(self._route, (x_m, y_m), planning_grid(window))
+        return local_path(window, (x_m, y_m), target, is_end, self._global)
+
+    def free_ahead_m(self, path: LocalPath, arc_m: F64, nearest: int, at: PointXY, horizon_m: float) -> float:
+        """Metres of path ahead, up to the horizon, without an obstacle on the newest local map.
+
+        A robot that stands too near to something may leave: at first the path must only not lead nearer to it.
+        """
+        ends = np.searchsorted(arc_m, arc_m[nearest] + np.array([0.1, LEAVING_M, horizon_m]), side="right")
+        begin, leaving, end = (int(i) for i in ends)
+        here_m = self._obstacle_m(*at)
+        hit = self._first_blocked(path.xy_m, begin, leaving, min(BODY_M, here_m - 0.05))
+        if hit < 0:
+            hit = self._first_blocked(path.xy_m, leaving, end, BODY_M)
+        return horizon_m if hit < 0 else float(arc_m[hit] - arc_m[nearest])
+
+    def free_behind(self, x_m: float, y_m: float, yaw_rad: float) -> bool:
+        """Whether the robot can back up a little."""
+        c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+        behind = np.array([(x_m - d * c, y_m - d * s) for d in (0.9, 1.2)])
+        return self._first_blocked(behind, 0, 2, 0.5) < 0
+
+    def _obstacle_m(self, x_m: float, y_m: float) -> float:
+        assert self._local is not None
+        return float(obstacle_near_m(x_m, y_m, *self._seen(self._local), BODY_M))
+
+    def _first_blocked(self, xy_m: F64, begin: int, end: int, radius_m: float) -> int:
+        assert self._local is not None
+        return int(first_blocked(xy_m, begin, end, *self._seen(self._local), radius_m))
+
+    @staticmethod
+    def _seen(local: PlanningMap) -> tuple[npt.NDArray[np.uint8], tuple[float, float, float], int, int]:
+        """What the kernels need of a map."""
+        return local.occupation, (local.x0_m, local.y0_m, local.cell_m), BLOCKED, UNKNOWN_OCCUPATION

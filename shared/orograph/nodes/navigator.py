@@ -1,0 +1,69 @@
+"""Navigator node: sensors, planning maps and missions in; pose, drive and robot status out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph import keys
+from orograph.messages import Drive, Envelope, Frame, Mission, PlanningMap, Pose, Sensors
+from orograph.mission.navigator import Navigator
+from orograph.node import Note, Send
+from orograph.scenario import Scenario
+
+STATUS_PERIOD_NS = 1_000_000_000
+STATES = ("idle", "driving", "blocked", "recovering", "returning", "done")
+
+
+class NavigatorNode:
+    """One robot's navigator."""
+
+    def __init__(self, scenario: Scenario, robot: str, seed: int) -> None:
+        self.name = keys.node(keys.NAVIGATOR, robot)
+        self._mapping = keys.node(keys.MAPPING, robot)
+        self._navigator = Navigator(scenario, robot)
+        self._trajectory: list[tuple[float, ...]] = []
+        self._status_ns = -STATUS_PERIOD_NS
+        self._visited = 0
+
+    def step(self, frame: Frame, inbox: Sequence[Envelope], send: Send, note: Note) -> None:
+        """One frame: estimate the pose, follow the mission, report."""
+        sensed = False
+        for envelope in inbox:
+            match envelope.message:
+                case Sensors() as sensors:
+                    pose = self._navigator.take_sensors(sensors)
+                    sensed = True
+                    if self._navigator.pose.started:
+                        send(keys.SIM, self._mapping, pose)
+                        self._record(pose)
+                case PlanningMap() as planning_map:
+                    self._navigator.take_map(planning_map)
+                case Mission() as mission:
+                    self._navigator.hear(mission, frame.stamp_ns)
+        if sensed:
+            command = self._navigator.step(frame.stamp_ns, note)
+            send(keys.SIM, keys.WORLD, Drive(frame.stamp_ns, command.v_mps, command.yaw_rate_radps))
+        self._report(frame.stamp_ns, send)
+
+    def _record(self, pose: Pose) -> None:
+        self._trajectory.append((pose.stamp_ns, pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad, pose.position_sigma_m))
+
+    def _report(self, now_ns: int, send: Send) -> None:
+        """Every second, and at once when a waypoint was visited."""
+        visited = len(self._navigator.tour.visited)
+        if now_ns - self._status_ns >= STATUS_PERIOD_NS or visited > self._visited:
+            self._status_ns, self._visited = now_ns, visited
+            send(keys.RADIO, keys.ORCHESTRATOR, self._navigator.status(now_ns))
+
+    def telemetry(self) -> Mapping[str, float]:
+        """Position sigma, distance driven, replans, recoveries, waypoints left, and the state's index in STATES."""
+        return {**self._navigator.telemetry(), "state": float(STATES.index(self._navigator.state))}
+
+    def artifacts(self) -> Mapping[str, npt.NDArray[Any]]:
+        """`trajectory` (n, 6) float64: stamp_ns, x, y, z, yaw, one sigma of x, y; and the metres driven."""
+        trajectory = np.array(self._trajectory, np.float64).reshape(-1, 6)
+        return {"trajectory": trajectory, "driven_m": np.array(self._navigator.pose.moved_m)}
