@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from orograph import keys
 from orograph.messages import POSE, Bodies, Envelope, Frame, Scan
-from orograph.nodes import Note, Send
+from orograph.node import Note, Send
 from orograph.scenario import Scenario
 from orograph.scene import build_scene
 from orograph.sensing import Laser

@@ -14,7 +14,7 @@ from orograph.scenario import Scenario
 F64 = npt.NDArray[np.float64]
 
 ROBOT_CLEARANCE_M = 0.1
-"""A robot's box begins this far above the ground."""
+"""A robot's box reaches from this far above the ground to the robot's height."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,9 @@ class Bodies:
     """The boxes of a scenario's robots and vehicles wherever they are."""
 
     def __init__(self, scenario: Scenario) -> None:
-        self._robot_m = np.array([*scenario.robot.size_m, ROBOT_CLEARANCE_M])
+        length, width, height = scenario.robot.size_m
+        clearance = min(ROBOT_CLEARANCE_M, 0.5 * height)
+        self._robot_m = np.array([length, width, height - clearance, clearance])
         self._vehicles_m = np.array([(*vehicle.size_m, 0.0) for vehicle in scenario.vehicles]).reshape(-1, 4)
 
     def boxes(self, poses: Packed, own: int, reach_m: float) -> Boxes:
