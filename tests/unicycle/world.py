@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-
 from orograph.keys import NAVIGATOR, ORCHESTRATOR, RADIO, SIM, WORLD, node
 from orograph.messages import Drive, Envelope, Frame, Mission, PlanningMap, Sensors
 from orograph.nodes.navigator import NavigatorNode
@@ -62,7 +61,7 @@ class UnicycleWorld:
     def __post_init__(self) -> None:
         start = self.scenario.starts[0]
         self.x, self.y, self.yaw = start.x_m, start.y_m, math.radians(start.heading_deg)
-        self.v = self.w = 0.0
+        self.v = self.w = self.turn_rate = 0.0
         self.command = (0.0, 0.0)
         self.scale = 1 + 0.01 * stream(self.seed, "scale").standard_normal()
         self.node = NavigatorNode(self.scenario, "robot_001", self.seed)
@@ -131,6 +130,7 @@ class UnicycleWorld:
             self.hits.append((t, x, y))
             self.v = 0.0
             x, y = self.x, self.y
+        self.turn_rate = (yaw - self.yaw) / 0.1
         self.x, self.y, self.yaw = x, y, yaw
 
     @property
@@ -148,7 +148,7 @@ class UnicycleWorld:
         yaw = (self.yaw + n[5] * math.radians(spec.heading_deg) + math.pi) % (2 * math.pi) - math.pi
         v = self.v * self.scale + n[7] * spec.odometry_mps
         return Sensors(k * FRAME_NS, quality, self.x + sigma * n[0], self.y + sigma * n[1], 1.5 * sigma * n[2],
-                       roll, pitch, yaw, self.w + n[6] * spec.yaw_rate_radps, v, self.w)  # fmt: skip
+                       roll, pitch, yaw, self.turn_rate + n[6] * spec.yaw_rate_radps, v, self.turn_rate)  # fmt: skip
 
     def _send_maps(self, k: int, t: float) -> None:
         if k == 2 or (k > 2 and k % 20 == 2):

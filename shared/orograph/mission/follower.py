@@ -59,13 +59,18 @@ class Follower:
             self.arc_m = np.concatenate([[0.0], np.cumsum(steps)])
             self._limit_mps = speed_profile(path, self.arc_m, self._cruise_mps)
 
-    def advance(self, x_m: float, y_m: float) -> int:
-        """Index of the path point nearest to the robot, searched forward from the last one."""
+    def advance(self, x_m: float, y_m: float) -> float:
+        """Metres along the path to where the robot is, searched forward from the last time."""
         assert self.path is not None
         end = int(np.searchsorted(self.arc_m, self.arc_m[self._nearest] + 6.0)) + 1
         part = self.path.xy_m[self._nearest : end]
         self._nearest += int(np.argmin((part[:, 0] - x_m) ** 2 + (part[:, 1] - y_m) ** 2))
-        return self._nearest
+        near = self._nearest
+        before, after = max(near - 1, 0), min(near + 1, len(self.arc_m) - 1)
+        dx, dy = self.path.xy_m[after] - self.path.xy_m[before]
+        px, py = (x_m, y_m) - self.path.xy_m[near]
+        ahead_m = float(px * dx + py * dy) / max(math.hypot(dx, dy), 1e-9)
+        return float(self.arc_m[near]) + max(-0.5, min(0.5, ahead_m))
 
     @property
     def remaining_m(self) -> float:

@@ -26,6 +26,8 @@ SECOND_NS = 1_000_000_000
 BODY_M = 0.7
 """An obstacle's cell centre nearer than this to the path blocks it."""
 LEAVING_M = 1.2
+BETWEEN_M = 0.25
+"""Half of what lies between two path points: there the obstacle may begin already."""
 OFF_ROUTE_M = 15.0
 BLIND_S = 1.5
 SHUT_S = 90.0
@@ -106,18 +108,18 @@ class Guide:
         target, is_end = local_target(self._route, (x_m, y_m), planning_grid(window))
         return local_path(window, (x_m, y_m), target, is_end, self._global)
 
-    def free_ahead_m(self, path: LocalPath, arc_m: F64, nearest: int, at: PointXY, horizon_m: float) -> float:
+    def free_ahead_m(self, path: LocalPath, arc_m: F64, along_m: float, at: PointXY, horizon_m: float) -> float:
         """Metres of path ahead, up to the horizon, without an obstacle on the newest local map.
 
         A robot that stands too near to something may leave: at first the path must only not lead nearer to it.
         """
-        ends = np.searchsorted(arc_m, arc_m[nearest] + np.array([0.1, LEAVING_M, horizon_m]), side="right")
+        ends = np.searchsorted(arc_m, along_m + np.array([0.0, LEAVING_M, horizon_m]), side="right")
         begin, leaving, end = (int(i) for i in ends)
         here_m = self._obstacle_m(*at)
         hit = self._first_blocked(path.xy_m, begin, leaving, min(BODY_M, here_m - 0.05))
         if hit < 0:
             hit = self._first_blocked(path.xy_m, leaving, end, BODY_M)
-        return horizon_m if hit < 0 else float(arc_m[hit] - arc_m[nearest])
+        return horizon_m if hit < 0 else float(arc_m[hit] - along_m) - BETWEEN_M
 
     def free_behind(self, x_m: float, y_m: float, yaw_rad: float) -> bool:
         """Whether the robot can back up a little."""

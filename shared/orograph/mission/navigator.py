@@ -150,8 +150,8 @@ class Navigator:
         if path is None:
             return 0.0
         at = (self.pose.x_m, self.pose.y_m)
-        nearest = self._follower.advance(*at)
-        free_m = self.guide.free_ahead_m(path, self._follower.arc_m, nearest, at, HORIZON_M)
+        along_m = self._follower.advance(*at)
+        free_m = self.guide.free_ahead_m(path, self._follower.arc_m, along_m, at, HORIZON_M)
         if free_m >= NEAR_M:
             self._blocked_ns = -1
         elif self._blocked_ns < 0:
