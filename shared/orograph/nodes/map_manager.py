@@ -1,0 +1,77 @@
+"""The map-manager service: registers up from every robot's mapping, the GLRM down to all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph import keys
+from orograph.messages import Envelope, Frame, ManagerStatus, Message, Phase
+from orograph.nodes import Note, Send
+from orograph.protocol.fold import FoldRules
+from orograph.protocol.manager import ManagerSync
+from orograph.protocol.store import Store
+from orograph.scenario import Scenario
+from orograph.scene.prior import prior_records
+from orograph.stages import Stage, untimed
+
+STATUS_NS = 1_000_000_000
+COVERAGE = np.dtype([("stamp_ns", "<i8"), ("confident_cells", "<u4"), ("version", "<u4")])
+
+
+class MapManagerNode:
+    """Glue of `ManagerSync`; raises StoreFailed from `step`, upon which the process must end and recover."""
+
+    def __init__(self, scenario: Scenario, robots: tuple[str, ...], store: Store, stage: Stage = untimed) -> None:
+        self.name = keys.node(keys.MANAGER)
+        grid, self._robots = scenario.grid.grid, robots
+        self._prior = prior_records(scenario)
+        self._sync = ManagerSync(grid.shape, self._prior, FoldRules.of(scenario.rules), store, robots, stage)
+        self._phase, self._status_due_ns = "mapping", 0
+        self._coverage: list[tuple[int, int, int]] = []
+
+    def step(self, frame: Frame, inbox: Sequence[Envelope], send: Send, note: Note) -> None:
+        """Give the robots' messages to the protocol, what comes out to the radio."""
+        from_robots: list[tuple[str, Message]] = []
+        for envelope in inbox:
+            service, robot = keys.split(envelope.sender)
+            if isinstance(envelope.message, Phase):
+                self._phase = envelope.message.name
+            elif service == keys.MAPPING:
+                from_robots.append((robot, envelope.message))
+
+        def send_to(robot: str | None, message: Message) -> None:
+            to = keys.group(keys.MAPPING) if robot is None else keys.node(keys.MAPPING, robot)
+            send(keys.RADIO, to, message)
+
+        self._sync.step(frame.stamp_ns, from_robots, send_to, note)
+        if frame.stamp_ns >= self._status_due_ns:
+            self._status_due_ns = frame.stamp_ns + STATUS_NS
+            self._report(frame.stamp_ns, send)
+
+    def _report(self, now_ns: int, send: Send) -> None:
+        confident, version = self._sync.confident_cells, self._sync.version
+        self._coverage.append((now_ns, confident, version))
+        glrm_hash = b"" if self._phase == "mapping" else self._sync.hash()
+        send(keys.RADIO, keys.node(keys.ORCHESTRATOR), ManagerStatus(now_ns, version, glrm_hash, confident))
+
+    def telemetry(self) -> Mapping[str, float]:
+        """Figures of the protocol's manager side."""
+        return self._sync.telemetry()
+
+    def artifacts(self) -> Mapping[str, npt.NDArray[Any]]:
+        """Final `glrm` (CELL), `prior` (RECORD), `registers` (REGISTER), first confident, coverage, acks."""
+        return {
+            "glrm": self._sync.glrm,
+            "prior": self._prior,
+            "registers": self._sync.registers(),
+            "first_confident_ns": self._sync.first_confident_ns,
+            "coverage": np.array(self._coverage, COVERAGE),
+            "acked_records": np.array([self._sync.acked[robot] for robot in self._robots], np.int64),
+            "glrm_hash": np.frombuffer(self._sync.hash(), np.uint8),
+            "version": np.array(self._sync.version, np.int64),
+            "manager_epoch": np.array(self._sync.manager_epoch, np.int64),
+        }

@@ -1,0 +1,140 @@
+"""A robot's copy of the GLRM: versioned deltas, gaps, tile digests, repairs (protocol.md, "Down")."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from orograph.grid import Grid
+from orograph.layers import CellMap, Layer
+from orograph.messages import CELL, CellsRequest, Delta, Digest, Packed
+from orograph.protocol.fold import VALUES
+from orograph.protocol.tiles import TileHashes, Tiles, map_hash
+from orograph.registers import unpack
+
+NO_TILES = np.zeros(0, "<u2")
+PARTS_KEPT = 8
+"""Deltas of which some parts have come: the oldest is forgotten when there are more."""
+
+
+class GlrmCopy:
+    """The GLRM as of `version` of `manager_epoch`, or newer in single cells; begins as the prior.
+
+    A cell is overwritten by the same or a newer version of itself only, so doubled, late and reordered messages do
+    no harm; the version rises only when nothing up to it can be missing.
+    """
+
+    def __init__(self, shape: tuple[int, int], prior: Packed) -> None:
+        self.cells = np.zeros(len(prior), CELL)
+        self.cells["cell"] = prior["cell"]
+        for name in VALUES:
+            self.cells[name] = prior[name]
+        self._tiles = Tiles(shape)
+        self._hashes = TileHashes(self._tiles, self.cells)
+        self.manager_epoch = self.version = 0
+        self.wanted: CellsRequest | None = None
+        """What this copy lacks and should ask for."""
+        self._asked = False
+        self._unsure = False
+        self._parts: dict[tuple[int, int, int, bool], set[int]] = {}
+        self.counts: Counter[str] = Counter()
+
+    def hash(self) -> bytes:
+        """blake2b-128 of the whole copy."""
+        return map_hash(self.cells)
+
+    def cell_map(self, grid: Grid, gps_quality: Layer | None = None, communications: Layer | None = None) -> CellMap:
+        """The copy as a map over `grid`, given layers as passed."""
+        return unpack(self.cells, grid, gps_quality, communications)
+
+    def asked(self) -> None:
+        """The wanted request went out."""
+        self._asked = True
+        self.counts["requests"] += 1
+
+    def take_delta(self, delta: Delta) -> None:
+        """Apply a part of a beat or of a repair, and raise the version when it is complete."""
+        if not self._in_epoch(delta.manager_epoch):
+            return
+        outside = len(delta.cells) and int(delta.cells["cell"].max()) >= len(self.cells)
+        if outside or delta.part >= delta.parts:
+            self.counts["rejected"] += 1
+        elif delta.repair:
+            self.counts["repairs"] += 1
+            self._apply(delta)
+        elif delta.last_version > self.version:
+            self._take_beat(delta)
+
+    def _take_beat(self, beat: Delta) -> None:
+        if beat.first_version <= self.version:
+            self._apply(beat)
+            return
+        self.counts["gaps"] += 1
+        if not self._unsure:
+            self._want_since()
+
+    def _in_epoch(self, epoch: int) -> bool:
+        """Whether a message is of the manager's present life; a later life makes all versions here uncertain."""
+        if epoch > self.manager_epoch:
+            self._unsure = self.manager_epoch > 0
+            self.manager_epoch, self.version = epoch, 0
+            self.cells["version"] = 0
+            self._parts.clear()
+            self.wanted = None
+        return epoch == self.manager_epoch
+
+    def _apply(self, delta: Delta) -> None:
+        cells = delta.cells["cell"].astype(np.int64)
+        newer = delta.cells["version"] >= self.cells["version"][cells]
+        self.cells[cells[newer]] = delta.cells[newer]
+        if newer.any():
+            self._hashes.touch(cells[newer])
+        if self._complete(delta):
+            self._reach(delta)
+
+    def _complete(self, delta: Delta) -> bool:
+        key = (delta.first_version, delta.last_version, delta.parts, delta.repair)
+        parts = self._parts.setdefault(key, set())
+        parts.add(delta.part)
+        if len(parts) < delta.parts:
+            while len(self._parts) > PARTS_KEPT:
+                del self._parts[next(iter(self._parts))]
+            return False
+        del self._parts[key]
+        return True
+
+    def _reach(self, delta: Delta) -> None:
+        if self.version < delta.first_version:
+            return
+        if delta.last_version > self.version:
+            self.version, self._unsure = delta.last_version, False
+        if delta.repair or (self.wanted and self.wanted.since_version < self.version):
+            self.wanted = None
+
+    def take_digest(self, digest: Digest) -> None:
+        """Compare with the manager's tiles: equal, then this copy is at that version; else want what differs."""
+        if not self._in_epoch(digest.manager_epoch) or digest.version < self.version:
+            return
+        if digest.tiles.shape != (self._tiles.count, 16):
+            self.counts["rejected"] += 1
+            return
+        differing = np.flatnonzero((self._hashes.current() != digest.tiles).any(axis=1))
+        if not len(differing):
+            self._confirm(digest.version)
+        elif digest.version > self.version and not self._unsure and not (self.wanted and self._asked):
+            self._want_since()
+        else:
+            self._want(CellsRequest(self.manager_epoch, self.version, differing.astype("<u2")))
+
+    def _confirm(self, version: int) -> None:
+        """Every cell is as of that version, so nothing older may overwrite it any more."""
+        self.version, self._unsure, self.wanted = version, False, None
+        self.cells["version"] = np.maximum(self.cells["version"], version)
+
+    def _want_since(self) -> None:
+        if self.wanted is None:
+            self._want(CellsRequest(self.manager_epoch, self.version, NO_TILES))
+
+    def _want(self, request: CellsRequest) -> None:
+        self.wanted, self._asked = request, False

@@ -1,0 +1,258 @@
+"""The Map Manager's side of the map protocol: validate, store and commit, apply, then acknowledge and publish."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph.keys import robot_number
+from orograph.messages import ACKED, RECORD, ROW_RECORD, Ack, Batch, CellsRequest, Fenced, Hello, Message, Packed
+from orograph.protocol.downlink import Downlink, SendTo
+from orograph.protocol.epochs import Epochs
+from orograph.protocol.fold import FoldRules
+from orograph.protocol.ledger import Ledger
+from orograph.protocol.store import Changes, Granted, Store, StoreFull
+from orograph.protocol.tiles import Tiles, map_hash
+from orograph.protocol.validate import fault
+from orograph.stages import Stage, untimed
+
+MESSAGES_PER_STEP = 16
+"""From one robot; more are counted and dropped, so that a flood costs nobody else."""
+
+REASONS_NOTED_MAX = 1_000
+
+Note = Callable[[str, Mapping[str, Any]], None]
+"""note(kind, fields): an event worth a line: hello, fenced, rejected, store-full, store-freed."""
+
+
+@dataclass
+class _Intake:
+    """What one step's messages ask for, before anything is decided durably."""
+
+    batches: defaultdict[str, list[Batch]] = field(default_factory=lambda: defaultdict(list))
+    hellos: list[tuple[str, bytes]] = field(default_factory=list)
+    fenced: dict[str, int] = field(default_factory=dict)
+    granted: list[Granted] = field(default_factory=list)
+
+
+def _unnoted(kind: str, fields: Mapping[str, Any]) -> None:
+    return None
+
+
+class ManagerSync:
+    """Step object; everything it needs after a crash is in `store`.
+
+    `prior` is the whole GLRM prior (RECORD), `robots` the ids that may write. Raises StoreDamaged when built on a bad
+    store, and StoreFailed from `step`: then the process must end and recover.
+    """
+
+    def __init__(
+        self, shape: tuple[int, int], prior: Packed, rules: FoldRules, store: Store, robots: Sequence[str],
+        stage: Stage = untimed,
+    ) -> None:  # fmt: skip
+        held = store.load()
+        self._size, self._tiles = shape[0] * shape[1], Tiles(shape)
+        self._numbers = {robot: robot_number(robot) for robot in robots}
+        self._store, self._stage = store, stage
+        self._note: Note = _unnoted
+        self._reasons_noted: set[tuple[str, str]] = set()
+        self._ledger = Ledger(prior, self._size, rules, held)
+        self._epochs = Epochs(held.granted)
+        self.manager_epoch = held.manager_epoch + 1
+        self.version = held.version
+        self._downlink = Downlink(self.manager_epoch, self.version, self._tiles, self._ledger.glrm)
+        self._begun = False
+        self.store_full = False
+        self.rejected: Counter[str] = Counter()
+        self.acked: Counter[str] = Counter()
+        """Records acknowledged by robot, repetitions included."""
+        self._counts: Counter[str] = Counter()
+
+    @property
+    def glrm(self) -> Packed:
+        """The map (cells,) of CELL; do not write to it."""
+        return self._ledger.glrm
+
+    @property
+    def first_confident_ns(self) -> npt.NDArray[np.int64]:
+        """Per cell, when its confidence first reached 64; -1 for never."""
+        return self._ledger.first_confident_ns
+
+    @property
+    def confident_cells(self) -> int:
+        """Cells with confidence >= 64 now."""
+        return self._ledger.confident_cells
+
+    def hash(self) -> bytes:
+        """blake2b-128 of the map."""
+        return map_hash(self.glrm)
+
+    def registers(self) -> Packed:
+        """All registers (REGISTER) by robot number and cell."""
+        return self._ledger.registers()
+
+    def epoch(self, robot: str) -> int:
+        """The epoch in which a robot may write; 0 before its first hello."""
+        return self._epochs.current(self._numbers[robot])
+
+    def step(self, now_ns: int, inbox: Sequence[tuple[str, Message]], send: SendTo, note: Note = _unnoted) -> None:
+        """Take what the robots sent; nothing is acknowledged or published before it is committed."""
+        self._note = note
+        if not self._begun and not self._begin():
+            return
+        intake = self._take_in(now_ns, inbox)
+        self._keep_and_answer(intake, now_ns, send)
+        self._downlink.step(now_ns, send)
+
+    def _begin(self) -> bool:
+        """Make this life's manager epoch durable before anything is said in it."""
+        self._begun = self._commit(Changes(self.manager_epoch, self.version))
+        return self._begun
+
+    def _reject(self, robot: str, reason: str) -> None:
+        """Count every one; note the first of its kind only, so that a flood does not fill the disk with notes."""
+        self.rejected[reason] += 1
+        if (robot, reason) not in self._reasons_noted and len(self._reasons_noted) < REASONS_NOTED_MAX:
+            self._reasons_noted.add((robot, reason))
+            self._note("rejected", {"robot": robot, "reason": reason})
+
+    def _take_in(self, now_ns: int, inbox: Sequence[tuple[str, Message]]) -> _Intake:
+        intake, heard = _Intake(), Counter[str]()
+        for robot, message in inbox:
+            heard[robot] += 1
+            if robot not in self._numbers:
+                reason: str | None = "unknown-robot"
+            elif heard[robot] > MESSAGES_PER_STEP:
+                reason = "flood"
+            else:
+                reason = fault(message, self._size, self._tiles.count, now_ns)
+            if reason is None:
+                self._sort(intake, robot, message)
+            else:
+                self._reject(robot, reason)
+        return intake
+
+    def _sort(self, intake: _Intake, robot: str, message: Message) -> None:
+        if isinstance(message, Hello):
+            self._take_hello(intake, robot, message.nonce)
+        elif isinstance(message, CellsRequest):
+            self._downlink.repair(robot, message)
+        elif isinstance(message, Batch):
+            self._take_batch(intake, robot, message)
+
+    def _take_hello(self, intake: _Intake, robot: str, nonce: bytes) -> None:
+        intake.hellos.append((robot, nonce))
+        number = self._numbers[robot]
+        asked = [grant for grant in intake.granted if grant.robot == number]
+        if self._epochs.of(number, nonce) is None and nonce not in [grant.nonce for grant in asked]:
+            intake.granted.append(Granted(number, nonce, self._epochs.current(number) + 1 + len(asked)))
+
+    def _take_batch(self, intake: _Intake, robot: str, batch: Batch) -> None:
+        """Any other epoch than the current is over: a lower one by a later hello, a higher one by an older store."""
+        current = self._epochs.current(self._numbers[robot])
+        if batch.epoch == current and not any(grant.robot == self._numbers[robot] for grant in intake.granted):
+            intake.batches[robot].append(batch)
+        elif batch.epoch != current:
+            intake.fenced[robot] = batch.epoch
+            self.rejected["fenced-epoch"] += 1
+
+    def _news(self, intake: _Intake) -> dict[int, Packed]:
+        news = {}
+        for robot, batches in intake.batches.items():
+            rows = np.concatenate([_in_epoch(batch) for batch in batches])
+            number = self._numbers[robot]
+            winners = self._ledger.news(number, rows)
+            self._counts["repeated_records"] += len(rows) - len(winners)
+            if len(winners):
+                news[number] = winners
+        return news
+
+    def _keep_and_answer(self, intake: _Intake, now_ns: int, send: SendTo) -> None:
+        news = self._news(intake)
+        if news or intake.granted:
+            cells = np.unique(np.concatenate([np.zeros(0, np.int64), *(rows["cell"] for rows in news.values())]))
+            cells = cells.astype(np.int64)
+            with self._stage("fold"):
+                folded = self._ledger.folded(cells, news)
+            confident = self._ledger.newly_confident(folded, now_ns)
+            version = self.version + bool(news)
+            changes = Changes(self.manager_epoch, version, news, tuple(intake.granted), confident)
+            if not self._commit(changes):
+                return
+            self._apply(changes, folded)
+        self._answer(intake, send)
+
+    def _commit(self, changes: Changes) -> bool:
+        """False when the disk is full: then nothing was kept, nobody gets an answer, and the robots try again."""
+        try:
+            self._store.commit(changes)
+        except StoreFull as error:
+            if not self.store_full:
+                self._note("store-full", {"error": str(error)})
+            self.store_full = True
+            self._counts["commits_refused"] += 1
+            return False
+        if self.store_full:
+            self._note("store-freed", {})
+        self.store_full = False
+        self._counts["commits"] += 1
+        return True
+
+    def _apply(self, changes: Changes, folded: Packed) -> None:
+        self.version = changes.version
+        changed = self._ledger.apply(changes.registers, folded, changes.confident, self.version)
+        self._downlink.changed(changed, self.version)
+        for grant in changes.granted:
+            self._epochs.add(grant)
+            self._note("hello", {"robot": grant.robot, "epoch": grant.epoch})
+
+    def _answer(self, intake: _Intake, send: SendTo) -> None:
+        for robot, batches in intake.batches.items():
+            for batch in batches:
+                send(robot, _ack(batch))
+                self.acked[robot] += len(batch.records)
+        for robot, epoch in intake.fenced.items():
+            send(robot, Fenced(epoch))
+            self._note("fenced", {"robot": robot, "epoch": epoch})
+            self._counts["fenced"] += 1
+        for robot, nonce in intake.hellos:
+            number = self._numbers[robot]
+            granted = self._epochs.of(number, nonce)
+            assert granted is not None
+            self._downlink.welcome(robot, nonce, granted, self._ledger.row(number))
+
+    def telemetry(self) -> Mapping[str, float]:
+        """Counters since the start, and what is held."""
+        return {
+            "manager_epoch": self.manager_epoch,
+            "version": self.version,
+            "confident_cells": self.confident_cells,
+            "store_full": float(self.store_full),
+            "commits": self._counts["commits"],
+            "commits_refused": self._counts["commits_refused"],
+            "records_acked": self.acked.total(),
+            "repeated_records": self._counts["repeated_records"],
+            "fenced": self._counts["fenced"],
+            "rejected": self.rejected.total(),
+            **{f"rejected_{reason.replace('-', '_')}": n for reason, n in sorted(self.rejected.items())},
+            **{name: self._downlink.counts[name] for name in ("beats", "digests", "answers")},
+        }
+
+
+def _in_epoch(batch: Batch) -> Packed:
+    rows = np.zeros(len(batch.records), ROW_RECORD)
+    rows["epoch"] = batch.epoch
+    for name in RECORD.names or ():
+        rows[name] = batch.records[name]
+    return rows
+
+
+def _ack(batch: Batch) -> Ack:
+    acked = np.zeros(len(batch.records), ACKED)
+    acked["cell"], acked["seq"] = batch.records["cell"], batch.records["seq"]
+    return Ack(batch.epoch, acked)

@@ -1,0 +1,141 @@
+"""A robot's registers and which of them the Map Manager may not have: at most one record per cell, for any outage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph.messages import RECORD, ROW_RECORD, Packed
+from orograph.protocol.fold import same_values
+
+BATCH_CELLS = 256
+BATCHES_IN_FLIGHT = 4
+LARGEST_CHANGE_SHARE = 64
+"""Of a batch's 256 cells, so many go to the largest changes once the backlog is longer than a batch."""
+ANSWER_WITHIN_NS = 1_000_000_000
+"""A batch without its ack for so long counts as lost."""
+
+
+@dataclass
+class _Flight:
+    cells: npt.NDArray[np.int64]
+    seqs: npt.NDArray[np.int64]
+    sent_ns: int
+
+
+class Outbox:
+    """Own registers (cells,) of RECORD, those last acknowledged, and the batches on their way."""
+
+    def __init__(self, size: int) -> None:
+        self.own = np.zeros(size, RECORD)
+        self._acked = np.zeros(size, RECORD)
+        self.own["cell"] = self._acked["cell"] = np.arange(size)
+        self._dirty = np.zeros(size, np.bool_)
+        self._dirty_since = np.zeros(size, np.int64)
+        self._in_flight = np.zeros(size, np.bool_)
+        self._flights: list[_Flight] = []
+        self._seq = 0
+        self._offers = 0
+        self.waiting = 0
+
+    @property
+    def flights(self) -> int:
+        """Batches sent, neither acknowledged nor given up."""
+        return len(self._flights)
+
+    def offer(self, records: Packed) -> None:
+        """Take new values of registers (RECORD, seq ignored); what says nothing new keeps its seq."""
+        now = records[~same_values(records, self.own[records["cell"]], "tick")]
+        if not len(now):
+            return
+        cells = now["cell"].astype(np.int64)
+        self.own[cells] = now
+        self._renumber(cells)
+
+    def _renumber(self, cells: npt.NDArray[np.int64]) -> None:
+        """Give these registers new seqs and make them dirty; a cell already dirty keeps its age."""
+        self.own["seq"][cells] = self._seq + 1 + np.arange(len(cells))
+        self._seq += len(cells)
+        self._offers += 1
+        self._dirty_since[cells] = np.where(self._dirty[cells], self._dirty_since[cells], self._offers)
+        self._dirty[cells] = True
+        self._count()
+
+    def _count(self) -> None:
+        self.waiting = int(np.count_nonzero(self._dirty))
+
+    def next_batch(self, now_ns: int) -> Packed:
+        """Up to 256 dirty records that are not on their way: oldest first, with a share for the largest change."""
+        if self.flights >= BATCHES_IN_FLIGHT or not self.waiting:
+            return np.zeros(0, RECORD)
+        waiting = np.flatnonzero(self._dirty & ~self._in_flight)
+        if len(waiting) > BATCH_CELLS:
+            waiting = self._choose(waiting)
+        batch: Packed = self.own[waiting]
+        if len(batch):
+            self._in_flight[waiting] = True
+            self._flights.append(_Flight(waiting, batch["seq"].astype(np.int64), now_ns))
+        return batch
+
+    def _choose(self, waiting: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        oldest = waiting[np.argsort(self._dirty_since[waiting], kind="stable")]
+        first, rest = np.split(oldest, [BATCH_CELLS - LARGEST_CHANGE_SHARE])
+        largest = rest[np.argsort(-self._change(rest), kind="stable")][:LARGEST_CHANGE_SHARE]
+        return np.sort(np.concatenate([first, largest]))
+
+    def _change(self, cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """How much the registers moved since acknowledged, in 1/100 of the thresholds of mapping.md section 4."""
+        own, acked = self.own[cells], self._acked[cells]
+        moved = {
+            name: np.abs(own[name].astype(np.int64) - acked[name]) for name in ("height", "occupation", "confidence")
+        }
+        scaled = moved["height"] + 4 * moved["occupation"] + 6 * moved["confidence"]
+        return np.where(acked["confidence"] == 0, np.iinfo(np.int64).max // 2, scaled)
+
+    def acknowledge(self, cells: npt.NDArray[Any], seqs: npt.NDArray[Any]) -> Packed:
+        """Clear the cells whose seq still matches and return their records; the rest stays dirty."""
+        inside = cells < len(self.own)
+        cells, seqs = cells[inside].astype(np.int64), seqs[inside].astype(np.int64)
+        cells_now = np.unique(cells[(self.own["seq"][cells] == seqs) & self._dirty[cells]])
+        self._dirty[cells_now] = False
+        self._acked[cells_now] = self.own[cells_now]
+        self._land(cells << 32 | seqs)
+        self._count()
+        cleared: Packed = self.own[cells_now]
+        return cleared
+
+    def _land(self, keys: npt.NDArray[np.int64]) -> None:
+        for flight in self._flights:
+            landed = np.isin(flight.cells << 32 | flight.seqs, keys)
+            self._in_flight[flight.cells[landed]] = False
+            flight.cells, flight.seqs = flight.cells[~landed], flight.seqs[~landed]
+        self._flights = [flight for flight in self._flights if len(flight.cells)]
+
+    def give_up_old(self, now_ns: int) -> bool:
+        """Count unanswered batches as lost, so that their cells go again; whether there were any."""
+        old = [flight for flight in self._flights if now_ns - flight.sent_ns >= ANSWER_WITHIN_NS]
+        for flight in old:
+            self._in_flight[flight.cells] = False
+        self._flights = [flight for flight in self._flights if now_ns - flight.sent_ns < ANSWER_WITHIN_NS]
+        return bool(old)
+
+    def rebase(self, row: Packed, first_life: bool) -> None:
+        """Start an epoch from the row (ROW_RECORD, cells ascending) that the manager holds of this robot.
+
+        What the manager holds and the robot does not is adopted; what the robot holds otherwise is dirty. In a
+        process's first life both may hold a cell: the row stands until the mapper, which fuses the two, offers the
+        result, so that a restart never replaces much evidence by little (protocol.md, invariant 10).
+        """
+        held = np.zeros(len(self.own), ROW_RECORD)
+        held[row["cell"]] = row
+        mine, theirs = self.own["confidence"] > 0, held["confidence"] > 0
+        takes = theirs if first_life else theirs & ~mine
+        for name in set(RECORD.names or ()) - {"cell"}:
+            self._acked[name] = held[name]
+            self.own[name][takes] = held[name][takes]
+        self._flights, self._in_flight[:], self._dirty[:] = [], False, False
+        differs = mine & ~(theirs & same_values(self.own, held, "tick"))
+        self._renumber(np.flatnonzero(differs & ~takes))
