@@ -61,6 +61,8 @@ class Supervisor:
         return child
 
     def _spawn(self, child: Child) -> None:
+        if child.process is not None and child.process.stdin is not None:
+            child.process.stdin.close()
         with child.log.open("ab") as log:
             child.process = subprocess.Popen(
                 [sys.executable, "-m", child.module, "--with-parent", *child.arguments],
@@ -102,3 +104,6 @@ class Supervisor:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+        for child in self.children:
+            if child.process is not None and child.process.stdin is not None:
+                child.process.stdin.close()

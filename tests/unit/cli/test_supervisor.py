@@ -41,7 +41,7 @@ def test_a_service_that_keeps_dying_ends_the_run_with_its_last_words(
 ) -> None:
     with Supervisor(environment, tmp_path / "logs") as supervisor:
         child = supervisor.start("one", "dies")
-        with pytest.raises(RunError, match="one died.*exit code 3.*4 times(.|\n)*no luck today"):
+        with pytest.raises(RunError, match=r"one died.*exit code 3.*4 times(.|\n)*no luck today"):
             _poll_until(supervisor, lambda: False)
     assert len(child.deaths_s) == 4
 
