@@ -67,5 +67,6 @@ class DrivingDistances:
         if not len(start) or not len(end):
             return np.zeros((len(start), len(end)))
         places, which = np.unique(start, return_inverse=True)
-        reach_m = np.array([dijkstra(self._roads, directed=False, indices=int(p))[end] for p in places])
-        return np.minimum(reach_m, UNREACHABLE_M)[which]
+        reach_m: Metres = np.array([dijkstra(self._roads, directed=False, indices=int(p))[end] for p in places])
+        reach_m = np.minimum(reach_m, UNREACHABLE_M)
+        return reach_m[which]

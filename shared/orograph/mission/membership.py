@@ -25,13 +25,13 @@ class Membership:
         self._former: dict[tuple[str, str], str] = {}
 
     def claim(self, service: str, instance: str, capacity: int, wanted: tuple[str, ...] = ()) -> Grant:
-        """Give up to `capacity` free robots, of those `wanted` if any are named; repeated by one instance, the same again."""
+        """Up to `capacity` free robots, of those `wanted` if any are named; asked again by one instance, the same again."""
         refusal = self._refusal(service, capacity, wanted)
         if refusal:
             return Grant((), refusal)
         if held := self.held(service, instance):
             return Grant(held)
-        free = [r for r in (wanted or self._robots) if (service, r) not in self._holder]
+        free = [r for r in self._robots if r in (wanted or self._robots) and (service, r) not in self._holder]
         free.sort(key=lambda r: self._former.get((service, r)) != instance)
         given = tuple(sorted(free[:capacity]))
         if not given:

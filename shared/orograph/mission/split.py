@@ -1,12 +1,13 @@
 """The patrol divided over robots so that the longest tour is shortest (min-max, open tours), by OR-Tools routing.
 
-Every search ends in a local optimum of its own: no clock and no thread takes part, so the answer is the same everywhere.
+Every search ends in a local optimum of its own: no clock and no thread takes part, so the answer never differs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,8 @@ UNIT_M = 0.1
 SPAN_WEIGHTS = (3, 10, 100)
 """What a metre of the longest tour costs against a metre of all tours; none of them wins always."""
 FIRST_TOURS = ("LOCAL_CHEAPEST_COST_INSERTION", "LOCAL_CHEAPEST_INSERTION", "PATH_CHEAPEST_ARC")
-THOROUGH_WAYPOINTS = 16
-"""Up to here every weight is tried with every first tour; beyond, where a search takes long, one first tour is enough."""
+THOROUGH_WAYPOINTS = 32
+"""Up to here every weight is tried with every first tour; beyond, where a search takes long, with one first tour."""
 FOREVER_S = 10**9
 
 
@@ -39,14 +40,14 @@ class _Patrol:
     def length_m(self, robot: int, tour: Sequence[int]) -> float:
         """Length of an open tour from the robot's start."""
         stops = [robot, *(self.robots + w for w in tour)]
-        return float(sum(self.distance_m[a, b] for a, b in zip(stops, stops[1:], strict=False)))
+        return float(sum(self.distance_m[a, b] for a, b in pairwise(stops)))
 
 
 def split_patrol(robots: int, distance_m: Metres, barred: Sequence[Collection[int]] = ()) -> Tours:
     """Waypoints in driving order for each robot, every waypoint exactly once.
 
-    `distance_m` (robots + waypoints, robots + waypoints) [m] has the starts first. `barred[robot]` are waypoints that this
-    robot must not take unless all are barred. A waypoint that no robot reaches ends one of the shortest tours.
+    `distance_m` (robots + waypoints, robots + waypoints) [m] has the starts first. `barred[robot]` are waypoints that
+    this robot must not take unless all are barred. A waypoint that no robot reaches ends one of the shortest tours.
     """
     assert robots >= 1 and distance_m.shape[0] == distance_m.shape[1] >= robots, (robots, distance_m.shape)
     barred = barred or [()] * robots

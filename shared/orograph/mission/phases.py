@@ -1,0 +1,65 @@
+"""Where the run stands: mapping until the patrol is over, flush until everybody holds one map, then the end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from orograph.messages import ManagerStatus, MappingStatus
+
+MAPPING, FLUSH, END = "mapping", "flush", "end"
+PHASES = (MAPPING, FLUSH, END)
+FLUSH_MAX_NS = 60_000_000_000
+"""Simulation time that a robot has to bring its last cells home."""
+AGREEMENTS = 2
+"""Equal statuses in a row from everybody: the first may have crossed a change on its way."""
+
+
+class RunPhases:
+    """mapping -> flush -> end; stepped with statuses in and simulation time as an argument."""
+
+    def __init__(self, robots: Sequence[str], duration_max_ns: int) -> None:
+        self.name = MAPPING
+        self.began_ns: dict[str, int] = {MAPPING: 0}
+        self.time_was_up = False
+        self.copies_equal = False
+        self._duration_max_ns = duration_max_ns
+        self._manager: tuple[int, bytes] = (0, b"")
+        self._agreements = dict.fromkeys(robots, 0)
+        self._repeats = 0
+
+    @property
+    def complete(self) -> bool:
+        """The patrol ended within its time and every robot's last cells came home."""
+        return self.copies_equal and not self.time_was_up
+
+    def hear_manager(self, status: ManagerStatus) -> None:
+        """Take the manager's version and hash; a change starts every count again."""
+        known = (status.version, status.glrm_hash)
+        if known != self._manager or not status.glrm_hash:
+            self._manager, self._repeats = known, 0
+            self._agreements = dict.fromkeys(self._agreements, 0)
+        self._repeats += bool(status.glrm_hash)
+
+    def hear_mapping(self, robot: str, status: MappingStatus) -> None:
+        """Take a robot's report: one more agreement in a row, or none."""
+        held = (status.copy_version, status.copy_hash)
+        agrees = status.flushed and bool(status.copy_hash) and held == self._manager
+        self._agreements[robot] = self._agreements[robot] + 1 if agrees else 0
+
+    def agreed(self) -> bool:
+        """Manager and all robots have named one version and hash, twice in a row."""
+        return min([self._repeats, *self._agreements.values()]) >= AGREEMENTS
+
+    def step(self, now_ns: int, patrol_finished: bool) -> bool:
+        """Go on to the next phase where its time has come; True if it did."""
+        if self.name == MAPPING and (patrol_finished or now_ns >= self._duration_max_ns):
+            self.time_was_up = not patrol_finished
+            return self._enter(FLUSH, now_ns)
+        if self.name == FLUSH and (self.agreed() or now_ns - self.began_ns[FLUSH] >= FLUSH_MAX_NS):
+            self.copies_equal = self.agreed()
+            return self._enter(END, now_ns)
+        return False
+
+    def _enter(self, name: str, now_ns: int) -> bool:
+        self.name, self.began_ns[name] = name, now_ns
+        return True

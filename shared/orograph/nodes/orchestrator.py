@@ -1,0 +1,119 @@
+"""The orchestrator's step object: patrol orders out, statuses in, phases of the run, its end."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph import keys
+from orograph.messages import (
+    OCCUPATION_ONE, Envelope, Frame, ManagerStatus, MappingStatus, Mission, Phase, RobotStatus, RunEnd,
+)from orograph.mission.distances import DrivingDistances
+from orograph.mission.orchestrator import HEARD_NS, SECOND_NS, Patrol
+from orograph.mission.phases import END, FLUSH, MAPPING, PHASES, RunPhases
+from orograph.node import Note, Send
+from orograph.scenario import Scenario
+from orograph.scene.prior import prior_records
+
+LISTEN_NS = 3 * SECOND_NS
+"""After a restart: three statuses of every robot within radio, before anything is ordered."""
+
+
+class OrchestratorNode:
+    """Mapping Orchestration: deals the patrol out, hands over, ends the run."""
+
+    def __init__(self, scenario: Scenario, robots: tuple[str, ...], seed: int) -> None:
+        self.name = keys.node(keys.ORCHESTRATOR)
+        self._robots = robots
+        self._starts_m = [(s.x_m, s.y_m) for s in scenario.starts[: len(robots)]]
+        self._waypoints_m = list(scenario.patrol)
+        self._scenario = scenario
+        self._phases = RunPhases(robots, int(scenario.duration_max_s * SECOND_NS))
+        self._patrol: Patrol | None = None
+        self._present: Collection[str] = robots
+        self._speaks_from_ns = 0
+        self._now_ns = 0
+        self._orders_at_start: dict[str, list[int]] = {}
+
+    def present(self, robots: Collection[str]) -> None:
+        """Robots whose services are all claimed; the shell says so whenever it changes."""
+        self._present = frozenset(robots)
+
+    def step(self, frame: Frame, inbox: Sequence[Envelope], send: Send, note: Note) -> None:
+        """Hear, put orders and phase right once a second, repeat them."""
+        self._now_ns = frame.stamp_ns
+        patrol = self._patrol or self._begin(frame)
+        for envelope in inbox:
+            self._hear(envelope, patrol, note)
+        beat = frame.stamp_ns % SECOND_NS < frame.duration_ns
+        if beat and frame.stamp_ns >= self._speaks_from_ns:
+            self._direct(frame, patrol, note)
+            self._speak(patrol, send)
+        if self._phases.name == END:
+            send(keys.SIM, keys.WORLD, RunEnd(self._phases.complete, self._phases.copies_equal))
+
+    def _begin(self, frame: Frame) -> Patrol:
+        """Frame 0 is a new run; any later first frame is a restart, which listens before it speaks."""
+        occupation = prior_records(self._scenario)["occupation"].astype(np.float32) / OCCUPATION_ONE
+        grid = self._scenario.grid.grid
+        occupation[occupation > 1] = np.nan
+        roads = DrivingDistances(occupation.reshape(grid.shape), grid)
+        self._patrol = Patrol(self._robots, self._starts_m, self._waypoints_m, roads, frame.stamp_ns)
+        self._speaks_from_ns = 0 if frame.index == 0 else frame.stamp_ns + LISTEN_NS
+        return self._patrol
+
+    def _hear(self, envelope: Envelope, patrol: Patrol, note: Note) -> None:
+        robot = keys.split(envelope.sender)[1]
+        match envelope.message:
+            case RobotStatus() as status if robot in patrol.robots:
+                patrol.hear(robot, status, self._now_ns, note)
+            case MappingStatus() as report if robot in patrol.robots:
+                self._phases.hear_mapping(robot, report)
+            case ManagerStatus() as state:
+                self._phases.hear_manager(state)
+
+    def _direct(self, frame: Frame, patrol: Patrol, note: Note) -> None:
+        if self._phases.name == MAPPING and not patrol.finished():
+            patrol.review(frame.index + 1, frame.stamp_ns, self._present, note)
+            self._orders_at_start = self._orders_at_start or {n: list(r.order) for n, r in patrol.robots.items()}
+        if self._phases.step(frame.stamp_ns, patrol.finished()):
+            note("phase", {"name": self._phases.name})
+            if self._phases.name == FLUSH:
+                patrol.recall(frame.index + 1)
+            if self._phases.name == END:
+                note("run-end", {"complete": self._phases.complete, "copies_equal": self._phases.copies_equal})
+
+    def _speak(self, patrol: Patrol, send: Send) -> None:
+        for name, robot in patrol.robots.items():
+            if robot.number:
+                order = np.array(patrol.left(name), np.uint16)
+                flush = self._phases.name != MAPPING
+                send(keys.RADIO, keys.node(keys.NAVIGATOR, name), Mission(robot.number, order, flush))
+        for address in (keys.group(keys.MAPPING), keys.MANAGER):
+            send(keys.RADIO, address, Phase(self._phases.name))
+
+    def telemetry(self) -> Mapping[str, float]:
+        """Robots heard, waypoints left and unreached, phase (0 mapping, 1 flush, 2 end), silence of each robot [s]."""
+        out = {"phase": float(PHASES.index(self._phases.name))}
+        if self._patrol is not None:
+            silent_ns = {name: self._now_ns - r.heard_ns for name, r in self._patrol.robots.items()}
+            out["robots_heard"] = float(sum(ns < HEARD_NS for ns in silent_ns.values()))
+            out["waypoints_left"] = float(len(self._patrol.open()))
+            out["waypoints_unreached"] = float(len(self._patrol.unreached()))
+            out |= {f"silence_{name}_s": ns / SECOND_NS for name, ns in silent_ns.items()}
+        return out
+
+    def artifacts(self) -> Mapping[str, npt.NDArray[Any]]:
+        """legs_<robot>, visited_ns (-1 never), visited_by (robot number, 0 nobody), unreached, phases and their stamps."""
+        out: dict[str, npt.NDArray[Any]] = {
+            "phase_names": np.array(list(self._phases.began_ns)),
+            "phase_stamps_ns": np.array(list(self._phases.began_ns.values()), np.int64),
+        }
+        if self._patrol is not None:
+            out["visited_ns"], out["visited_by"] = self._patrol.visited_ns, self._patrol.visited_by
+            out["unreached"] = np.array(self._patrol.unreached(), np.uint16)
+            out |= {f"legs_{name}": np.array(order, np.uint16) for name, order in self._orders_at_start.items()}
+        return out
