@@ -10,8 +10,17 @@ import numpy.typing as npt
 
 from orograph import keys
 from orograph.messages import (
-    OCCUPATION_ONE, Envelope, Frame, ManagerStatus, MappingStatus, Mission, Phase, RobotStatus, RunEnd,
-)from orograph.mission.distances import DrivingDistances
+    OCCUPATION_ONE,
+    Envelope,
+    Frame,
+    ManagerStatus,
+    MappingStatus,
+    Mission,
+    Phase,
+    RobotStatus,
+    RunEnd,
+)
+from orograph.mission.distances import DrivingDistances
 from orograph.mission.orchestrator import HEARD_NS, SECOND_NS, Patrol
 from orograph.mission.phases import END, FLUSH, MAPPING, PHASES, RunPhases
 from orograph.node import Note, Send
@@ -107,7 +116,7 @@ class OrchestratorNode:
         return out
 
     def artifacts(self) -> Mapping[str, npt.NDArray[Any]]:
-        """legs_<robot>, visited_ns (-1 never), visited_by (robot number, 0 nobody), unreached, phases and their stamps."""
+        """legs_<robot>, visited_ns (-1 never), visited_by (robot number or 0), unreached, phase names and stamps."""
         out: dict[str, npt.NDArray[Any]] = {
             "phase_names": np.array(list(self._phases.began_ns)),
             "phase_stamps_ns": np.array(list(self._phases.began_ns.values()), np.int64),
