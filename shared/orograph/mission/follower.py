@@ -25,6 +25,8 @@ NARROW_MPS, WIDE_M = 0.8, 2.0
 """Speed where obstacles are as near as they may be, and the distance from which on they do not matter."""
 CREEP_MPS = 0.5
 TURN_BEGIN_RAD, TURN_END_RAD, TURN_GAIN = 1.0, 0.25, 2.5
+SLOWEST_MPS = 0.3
+"""Below this speed the sideways pull of turning does not matter."""
 YAW_RATE_SHARE = 0.75
 
 
@@ -91,12 +93,13 @@ class Follower:
         dx, dy = self.path.xy_m[target] - (x_m, y_m)
         distance, bearing = math.hypot(dx, dy), wrap_angle(math.atan2(dy, dx) - yaw_rad)
         self._turning = abs(bearing) > (TURN_END_RAD if self._turning else TURN_BEGIN_RAD)
+        rate_max = min(self._yaw_rate_max, LATERAL_MPS2 / max(abs(v_mps), SLOWEST_MPS))
         if self._turning:
-            rate = max(-self._yaw_rate_max, min(self._yaw_rate_max, TURN_GAIN * bearing))
-            return Command(0.0, rate)
+            return Command(0.0, max(-rate_max, min(rate_max, TURN_GAIN * bearing)))
         curvature = 2 * math.sin(bearing) / max(distance, 0.3)
-        v = min(self._speed(v_mps, free_m), self._yaw_rate_max / max(abs(curvature), 1e-6))
-        return Command(v, v * curvature)
+        bend = max(abs(curvature), 1e-6)
+        v = min(self._speed(v_mps, free_m), self._yaw_rate_max / bend, math.sqrt(LATERAL_MPS2 / bend))
+        return Command(v, max(-rate_max, min(rate_max, v * curvature)))
 
     def _speed(self, v_mps: float, free_m: float) -> float:
         room = free_m - STOP_SHORT_M - DELAY_S * abs(v_mps)

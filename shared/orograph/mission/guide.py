@@ -40,11 +40,14 @@ class Guide:
     def __init__(self) -> None:
         self._local: PlanningMap | None = None
         self._global: PlanningMap | None = None
-        self._route: F64 | None = None
-        self._goal: PointXY | None = None
+        self._goals: tuple[PointXY, ...] = ()
+        self._routes: list[F64] = []
+        """To the goal, and from there to the one after it."""
         self._shut: dict[tuple[int, int], int] = {}
         self.global_replans = 0
         self.local_replans = 0
+        self.goal_index: int | None = None
+        """Where the newest path reaches the goal, None if it ends before."""
 
     def take(self, planning_map: PlanningMap) -> None:
         """Keep a newer map; a new GLRM that blocks the present route makes it be planned anew."""
@@ -52,12 +55,12 @@ class Guide:
             self._local = planning_map
             return
         self._global = planning_map
-        if self._route is not None and self._crosses_new_block(planning_map):
-            self._route = None
+        if any(self._blocked_by(planning_map, route) for route in self._routes):
+            self._routes = []
 
-    def _crosses_new_block(self, planning_map: PlanningMap) -> bool:
-        assert self._route is not None
-        rows, cols = planning_grid(planning_map).rows_cols(self._route[1:-1])
+    @staticmethod
+    def _blocked_by(planning_map: PlanningMap, route: F64) -> bool:
+        rows, cols = planning_grid(planning_map).rows_cols(route[1:-1])
         values = planning_map.occupation[rows, cols]
         return bool(np.any((values >= BLOCKED) & (values != UNKNOWN_OCCUPATION)))
 
@@ -66,47 +69,64 @@ class Guide:
         fresh = self._local is not None and now_ns - self._local.stamp_ns <= BLIND_S * SECOND_NS
         return fresh and self._global is not None
 
-    @property
-    def local_stamp_ns(self) -> int:
-        """Stamp of the newest local map, -1 before the first."""
-        return self._local.stamp_ns if self._local is not None else -1
-
-    def aim(self, goal: PointXY) -> bool:
-        """Set the goal; True if it is another one."""
-        changed = goal != self._goal
-        if changed:
-            self._goal, self._route = goal, None
-        return changed
+    def aim(self, goals: tuple[PointXY, ...]) -> tuple[bool, bool]:
+        """Set the goal and the one after it, if any: (the goal is another one, the present path leads there)."""
+        changed = goals[:1] != self._goals[:1]
+        continued = changed and goals[:1] == self._goals[1:2]
+        if continued:
+            self._routes = self._routes[1:]
+        elif changed:
+            self._routes = []
+        if goals[1:] != self._goals[1:]:
+            self._routes = self._routes[:1]
+        self._goals = goals
+        return changed, continued
 
     def shut_ahead(self, now_ns: int, x_m: float, y_m: float) -> None:
         """Avoid the part of the route 4 to 14 m ahead for a while: the robot has failed there."""
-        if self._route is None or self._global is None:
+        if not self._routes or self._global is None:
             return
-        away = np.hypot(self._route[:, 0] - x_m, self._route[:, 1] - y_m)
+        route = self._routes[0]
+        away = np.hypot(route[:, 0] - x_m, route[:, 1] - y_m)
         ahead = np.arange(len(away)) >= int(np.argmin(away))
         grid = planning_grid(self._global)
-        for x, y in self._route[ahead & (away > 4.0) & (away < 14.0)]:
+        for x, y in route[ahead & (away > 4.0) & (away < 14.0)]:
             cell = grid.row_col(x, y)
             if cell is not None:
                 self._shut[cell] = now_ns
-        self._route = None
+        self._routes = []
 
     def plan(self, now_ns: int, x_m: float, y_m: float) -> LocalPath | None:
-        """A fresh local path towards the goal; None if there is no way."""
-        if self._goal is None or self._global is None or self._local is None:
+        """A fresh local path towards the goal, and on from there if it is near; None if there is no way."""
+        if not self._goals or self._global is None or self._local is None:
             return None
-        if self._route is not None and np.min(np.hypot(*(self._route - (x_m, y_m)).T)) > OFF_ROUTE_M:
-            self._route = None
-        if self._route is None:
-            self._shut = {cell: t for cell, t in self._shut.items() if now_ns - t < SHUT_S * SECOND_NS}
-            self._route = global_route(self._global, (x_m, y_m), self._goal, self._shut)
-            self.global_replans += 1
         window = local_window(self._local, (x_m, y_m))
-        if self._route is None or window is None:
+        if window is None or not self._plan_routes(now_ns, self._global, x_m, y_m):
             return None
         self.local_replans += 1
-        target, is_end = local_target(self._route, (x_m, y_m), planning_grid(window))
-        return local_path(window, (x_m, y_m), target, is_end, self._global)
+        grid = planning_grid(window)
+        target, is_goal = local_target(self._routes[0], (x_m, y_m), grid)
+        targets = [target]
+        if is_goal and len(self._routes) > 1:
+            targets.append(local_target(self._routes[1], self._goals[0], grid)[0])
+        path = local_path(window, (x_m, y_m), targets, self._global)
+        self.goal_index = path.legs[0] if path is not None and is_goal else None
+        return path
+
+    def _plan_routes(self, now_ns: int, global_map: PlanningMap, x_m: float, y_m: float) -> bool:
+        """Complete the routes to the goals; False if there is none to the first."""
+        if self._routes and np.min(np.hypot(*(self._routes[0] - (x_m, y_m)).T)) > OFF_ROUTE_M:
+            self._routes = []
+        if not self._routes:
+            self._shut = {cell: t for cell, t in self._shut.items() if now_ns - t < SHUT_S * SECOND_NS}
+        while len(self._routes) < len(self._goals):
+            start = self._goals[len(self._routes) - 1] if self._routes else (x_m, y_m)
+            route = global_route(global_map, start, self._goals[len(self._routes)], self._shut)
+            self.global_replans += 1
+            if route is None:
+                break
+            self._routes.append(route)
+        return bool(self._routes)
 
     def free_ahead_m(self, path: LocalPath, arc_m: F64, along_m: float, at: PointXY, horizon_m: float) -> float:
         """Metres of path ahead, up to the horizon, without an obstacle on the newest local map.

@@ -88,11 +88,12 @@ class Navigator:
             return self._stand()
         for index in self.tour.visit(self.pose.x_m, self.pose.y_m):
             note("waypoint", {"index": index})
-        goal = self._goal(now_ns, note)
-        if goal is None:
+        goals = self._goals(now_ns, note)
+        if not goals:
             return self._stand()
-        if self.guide.aim(goal):
-            self._begin_leg(now_ns, goal)
+        changed, on_the_way = self.guide.aim(goals)
+        if changed:
+            self._begin_leg(now_ns, goals[0], on_the_way)
         return self._drive(now_ns, note)
 
     def _stand(self) -> Command:
@@ -101,12 +102,12 @@ class Navigator:
         self._follower.take(None)
         return STOP
 
-    def _goal(self, now_ns: int, note: Note) -> PointM | None:
-        """The next waypoint, or the way back to the radio once nothing is left; sets the state."""
-        goal = self.tour.goal()
-        if goal is not None:
+    def _goals(self, now_ns: int, note: Note) -> tuple[PointM, ...]:
+        """The next waypoints, or the way back to the radio once nothing is left; sets the state."""
+        goals = self.tour.goals()
+        if goals:
             self.state = "recovering" if self.recovery.active else "driving"
-            return goal
+            return goals
         at = (self.pose.x_m, self.pose.y_m)
         back = self._return.goal(now_ns, at)
         rest = "idle" if self.tour.number == 0 else ("blocked" if self.tour.unreached else "done")
@@ -116,13 +117,15 @@ class Navigator:
         if back is not None and self.state != "returning":
             note("returning", {"x_m": round(back[0], 1), "y_m": round(back[1], 1)})
         self.state = rest if back is None else "returning"
-        return back
+        return (back,) if back is not None else ()
 
-    def _begin_leg(self, now_ns: int, goal: PointM) -> None:
+    def _begin_leg(self, now_ns: int, goal: PointM, on_the_way: bool) -> None:
         away_m = math.dist(goal, (self.pose.x_m, self.pose.y_m))
         self._leg_end_ns = now_ns + round((LEG_S + away_m / LEG_MPS) * SECOND_NS)
         self.recovery.forget()
-        self._planned_ns = self._blocked_ns = -1
+        self.guide.goal_index = None
+        if not on_the_way:
+            self._planned_ns = self._blocked_ns = -1
 
     def _drive(self, now_ns: int, note: Note) -> Command:
         x, y, yaw = self.pose.x_m, self.pose.y_m, self.pose.yaw_rad
@@ -167,15 +170,15 @@ class Navigator:
             waited = self._blocked_ns < 0 or now_ns - self._blocked_ns >= self._wait_ns
             return age_s >= REPLAN_BLOCKED_S and waited
         beside = self._follower.off_path_m(self.pose.x_m, self.pose.y_m) > OFF_PATH_M
-        short = self._follower.remaining_m < LEFT_M and not path.reaches_goal
+        short = self._follower.remaining_m < LEFT_M and self.guide.goal_index != len(path.xy_m) - 1
         return age_s >= (REPLAN_BLOCKED_S if beside or short else REPLAN_S)
 
     def _arrived(self) -> bool:
-        """At the end of a path that leads as near to the goal as one can come."""
-        path = self._follower.path
-        if path is None or not path.reaches_goal:
+        """Where the path comes nearest to the goal, and yet the waypoint does not count as visited."""
+        path, index = self._follower.path, self.guide.goal_index
+        if path is None or index is None or self.state != "driving":
             return False
-        return math.dist(path.xy_m[-1], (self.pose.x_m, self.pose.y_m)) < ARRIVED_M and self.state == "driving"
+        return math.dist(path.xy_m[index], (self.pose.x_m, self.pose.y_m)) < ARRIVED_M
 
     def _no_progress(self, now_ns: int, command: Command) -> bool:
         place = (self.pose.x_m, self.pose.y_m, self.pose.yaw_rad)
@@ -196,7 +199,7 @@ class Navigator:
             self.guide.shut_ahead(now_ns, x, y)
 
     def _abandon(self, now_ns: int, note: Note, why: str) -> None:
-        if self.tour.goal() is None:
+        if not self.tour.left:
             self._return.abandon()
         else:
             note("gave-up", {"index": self.tour.give_up(), "why": why})

@@ -7,7 +7,7 @@ cost rises, so that paths keep to the middle of streets.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,15 +37,18 @@ LEAVE_M, LEAVE_COST = 0.8, 15.0
 """A robot that stands inside the margin may leave it: nothing this near to its centre blocks."""
 GOAL_REACH_M = 12.0
 """A goal inside an obstacle moves to the nearest free cell within this."""
+MOVED_M = 3.0
+"""A goal that was moved further than this is not passed on the way to the next: it may not count as visited."""
 
 
 @dataclass(frozen=True, eq=False)
 class LocalPath:
-    """Path points (n, 2) [m] about a cell apart, obstacle distance (n,) [m] at each, and what its end is."""
+    """Path points (n, 2) [m] about a cell apart and the obstacle distance (n,) [m] at each."""
 
     xy_m: F64
     clearance_m: F64
-    reaches_goal: bool
+    legs: tuple[int, ...]
+    """Index of the point at which each target is reached."""
     suspect: bool
     """It leads through cells that look blocked now."""
 
@@ -132,27 +135,33 @@ def local_target(route: F64, position: PointXY, window: Grid) -> tuple[PointXY, 
 
 
 def local_path(
-    window: PlanningMap, position: PointXY, target: PointXY, reaches_goal: bool, global_map: PlanningMap
+    window: PlanningMap, position: PointXY, targets: Sequence[PointXY], global_map: PlanningMap
 ) -> LocalPath | None:
-    """Least difficult path within a local window; through suspect cells only in need; None if none."""
+    """Least difficult path within a local window by way of targets; None if there is none to the first.
+
+    It goes through suspect cells only if there is no other way to the first target. It ends where a target had to be
+    moved out of an obstacle by more than MOVED_M, or cannot be reached from the one before.
+    """
     grid = planning_grid(window)
-    start, end = grid.row_col(*position), grid.row_col(*target)
-    if start is None or end is None:
+    stops = [grid.row_col(*point) for point in (position, *targets)]
+    cells = [cell for cell in stops if cell is not None]
+    if len(cells) < len(stops):
         return None
     cost, clearance_m = local_cost(window)
-    blocked = np.isinf(cost)
-    around = _within(grid, position, LEAVE_M)
+    blocked, around = np.isinf(cost), _within(grid, position, LEAVE_M)
     cost[around & blocked] = LEAVE_COST
-    found = _search(cost, start, end, grid)
-    suspect = len(found) == 0
+    found = _search(cost, cells, grid)
+    suspect = not found
     if suspect:
-        walls = blocked_in(global_map, grid) & (clearance_m == 0) & ~around
+        walls = blocked_in(global_map, grid) & (clearance_m == 0)
         cost[blocked & ~walls & ~around] = SUSPECT_COST
-        found = _search(cost, start, end, grid)
-    if len(found) == 0:
+        found = _search(cost, cells, grid)
+    if not found:
         return None
-    clearance = clearance_m.reshape(-1)[found]
-    return LocalPath(_smoothed(_centres(found, grid), clearance), clearance, reaches_goal, suspect)
+    path = np.concatenate([found[0], *(part[1:] for part in found[1:])])
+    clearance = clearance_m.reshape(-1)[path]
+    legs = tuple(int(n) for n in np.cumsum([len(part) - 1 for part in found]))
+    return LocalPath(_smoothed(_centres(path, grid), clearance), clearance, legs, suspect)
 
 
 def local_cost(window: PlanningMap) -> tuple[F64, F64]:
@@ -184,12 +193,20 @@ def _within(grid: Grid, centre: PointXY, radius_m: float) -> npt.NDArray[np.bool
     return near
 
 
-def _search(cost: F64, start: tuple[int, int], end: tuple[int, int], grid: Grid) -> npt.NDArray[np.int64]:
-    goal = nearest_finite(cost, *end, reach=math.ceil(GOAL_REACH_M / grid.cell_m))
-    if goal < 0:
-        return np.empty(0, np.int64)
-    cells: npt.NDArray[np.int64] = least_cost_path(cost, start[0] * grid.cols + start[1], goal)[0]
-    return cells
+def _search(cost: F64, stops: Sequence[tuple[int, int]], grid: Grid) -> list[npt.NDArray[np.int64]]:
+    """Cells of the path from each stop to the next, as far as they can be reached."""
+    parts: list[npt.NDArray[np.int64]] = []
+    start = stops[0][0] * grid.cols + stops[0][1]
+    for row, col in stops[1:]:
+        goal = nearest_finite(cost, row, col, math.ceil(GOAL_REACH_M / grid.cell_m))
+        cells = least_cost_path(cost, start, goal)[0] if goal >= 0 else np.empty(0, np.int64)
+        if len(cells) == 0:
+            break
+        parts.append(cells)
+        start = goal
+        if math.hypot(goal // grid.cols - row, goal % grid.cols - col) * grid.cell_m > MOVED_M:
+            break
+    return parts
 
 
 def _smoothed(xy_m: F64, clearance_m: F64) -> F64:

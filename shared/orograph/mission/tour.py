@@ -44,10 +44,9 @@ class Tour:
         """A waypoint of the present mission was given up."""
         return any(i in self.given_up for i in self._order)
 
-    def goal(self) -> PointM | None:
-        """Position of the next waypoint, None when nothing is left."""
-        left = self.left
-        return self._patrol[left[0]] if left else None
+    def goals(self) -> tuple[PointM, ...]:
+        """Positions of the next waypoint and the one after it, as far as there are any."""
+        return tuple(self._patrol[i] for i in self.left[:2])
 
     def visit(self, x_m: float, y_m: float) -> list[int]:
         """Mark the mission's waypoints within VISIT_M of the robot; returns those newly visited."""
