@@ -12,8 +12,8 @@ from orograph.scene.prior import building_cover, given_layers, prior_records
 def scenario(**fields) -> Scenario:
     return Scenario.model_validate(
         {
-            "name": "prior", "title": "prior", "robots": 1, "starts": [{"x_m": 2, "y_m": 18}], "base_station_m": [2, 18],
-            "patrol": [[2, 18]], "grid": {"cell_m": 5.0, "rows": 4, "cols": 6}, **fields,
+            "name": "prior", "title": "prior", "robots": 1, "starts": [{"x_m": 2, "y_m": 18}],
+            "base_station_m": [2, 18], "patrol": [[2, 18]], "grid": {"cell_m": 5.0, "rows": 4, "cols": 6}, **fields,
         }
     )  # fmt: skip
 
