@@ -157,7 +157,7 @@ def print_report(checks: Iterable[Check], quiet: bool = False) -> None:
 
 
 def _printer() -> Callable[[str, str], None]:
-    """Coloured lines through rich, plain ones where rich itself is missing; never wrapped, so commands can be copied."""
+    """Coloured lines through rich, plain ones where rich itself is missing; never wrapped, for people to copy."""
     try:
         from rich.console import Console
     except ImportError:
