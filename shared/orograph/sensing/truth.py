@@ -63,9 +63,10 @@ def standing(scene: Scene, x_m: float, y_m: float, yaw_rad: float) -> tuple[F64,
     """(R_map_robot (3, 3), position (3,)) of a robot that stands still on the ground, upright to its slope."""
     gradient_x, gradient_y = (float(g) for g in ground_gradient(scene.scenario.terrain, x_m, y_m))
     up = np.array([-gradient_x, -gradient_y, 1.0]) / np.sqrt(1 + gradient_x**2 + gradient_y**2)
-    left = np.cross(up, [np.cos(yaw_rad), np.sin(yaw_rad), 0.0])
-    left /= np.linalg.norm(left)
-    R_map_robot = np.stack([np.cross(left, up), left, up], axis=1)
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    ahead = np.array([c, s, gradient_x * c + gradient_y * s])
+    ahead /= np.linalg.norm(ahead)
+    R_map_robot = np.stack([ahead, np.cross(up, ahead), up], axis=1)
     return R_map_robot, np.array([x_m, y_m, float(scene.height_m(x_m, y_m))])
 
 
