@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-SLOPE_WALK_PER_M = 0.004
+SLOPE_WALK_PER_M = 0.003
 """One sigma of the slope's change over one metre driven: what a 2 m terrain facet does to a wheelbase of 0.45 m."""
 SLOPE_WALK_AT_REST = 2e-5
 """One sigma of the slope's change per sqrt(s) of a robot that stands or turns: its wheels settle."""

@@ -19,15 +19,15 @@ from orograph.scenario import NavigationSensorsSpec
 F64 = npt.NDArray[np.float64]
 X, Y, Z, YAW, SCALE = range(5)
 
-SLIP_ALONG = 0.02
-"""One sigma of the wheels' slip along the robot, per speed."""
-SLIP_ACROSS_M = 0.03
-"""One sigma of the sideways slip of a skid-steer robot, per radian turned."""
+SLIP_ALONG, SLIP_ACROSS = 0.02, 0.01
+"""One sigma of the wheels' slip, per metre driven straight."""
+TURN_SLIP_ALONG_M, TURN_SLIP_ACROSS_M = 0.2, 0.1
+"""The same per radian turned: a skid-steer's wheels have no grip left to brake with while they turn it."""
 CLIMB_SIGMA = 0.002
 """One sigma of the slope that turns distance into height [m/m]."""
 GATE_SIGMAS = 4.0
 """GPS further than this from the prediction is a jump and left out ..."""
-GATE_PATIENCE = 15
+GATE_PATIENCE = 5
 """... unless it insists for this many frames: then the prediction is wrong (wheels that spun, a push)."""
 GROUND_SIGMA_M = 1.0
 GROUND_PERIOD_S = 5.0
@@ -138,7 +138,8 @@ class PoseFilter:
 
     def _process_noise(self, moved: float, turned: float, c: float, s: float, dt_s: float) -> F64:
         along = (self._spec.odometry_mps * dt_s) ** 2 + (SLIP_ALONG * moved) ** 2
-        across = (SLIP_ACROSS_M * turned) ** 2 + (0.2 * SLIP_ALONG * moved) ** 2
+        along += (TURN_SLIP_ALONG_M * turned) ** 2
+        across = (TURN_SLIP_ACROSS_M * turned) ** 2 + (SLIP_ACROSS * moved) ** 2
         Q = np.zeros((5, 5))
         Q[X, X], Q[Y, Y] = along * c * c + across * s * s, along * s * s + across * c * c
         Q[X, Y] = Q[Y, X] = (along - across) * c * s
@@ -149,39 +150,38 @@ class PoseFilter:
 
     def _correct_yaw(self, yaw_rad: float) -> None:
         innovation = wrap_angle(yaw_rad - float(self._state[YAW]))
-        self._correct(np.array([YAW]), np.array([innovation]), math.radians(self._spec.heading_deg) ** 2)
+        self._correct(YAW, innovation, math.radians(self._spec.heading_deg) ** 2)
 
     def _correct_gps(self, sensors: Sensors) -> None:
         if sensors.gps_quality == 0:
             return
         sigma_m = self._gps_sigma_m(sensors.gps_quality)
-        self._gated("xy", np.array([X, Y]), np.array([sensors.gps_x_m, sensors.gps_y_m]), sigma_m**2)
-        height_variance = (sigma_m * self._spec.gps_height_factor) ** 2
-        self._gated("z", np.array([Z]), np.array([sensors.gps_z_m]), height_variance)
+        self._gated("xy", ((X, sensors.gps_x_m), (Y, sensors.gps_y_m)), sigma_m**2)
+        self._gated("z", ((Z, sensors.gps_z_m),), (sigma_m * self._spec.gps_height_factor) ** 2)
 
-    def _gated(self, name: str, rows: npt.NDArray[np.int64], measured: F64, variance: float) -> None:
-        innovation = measured - self._state[rows]
-        spread = np.diagonal(self._P)[rows] + variance
-        if np.all(innovation**2 <= GATE_SIGMAS**2 * spread):
+    def _gated(self, name: str, measured: tuple[tuple[int, float], ...], variance: float) -> None:
+        """Correct with measured states unless one of them is a jump; give in to a jump that lasts."""
+        errors = [(i, value - float(self._state[i])) for i, value in measured]
+        if all(error**2 <= GATE_SIGMAS**2 * (self._P[i, i] + variance) for i, error in errors):
             self._refused[name] = 0
-            self._correct(rows, innovation, variance)
+            for i, value in measured:
+                self._correct(i, value - float(self._state[i]), variance)
             return
         self._refused[name] += 1
         if self._refused[name] > GATE_PATIENCE:
-            self._P[rows, rows] += innovation**2
+            for i, error in errors:
+                self._P[i, i] += error**2
             self._refused[name] = 0
 
     def _correct_ground(self, stamp_ns: int, ground_m: float | None) -> None:
         if ground_m is None or stamp_ns - self._ground_stamp_ns < GROUND_PERIOD_S * 1e9:
             return
         self._ground_stamp_ns = stamp_ns
-        self._correct(np.array([Z]), np.array([ground_m - self._state[Z]]), GROUND_SIGMA_M**2)
+        self._correct(Z, ground_m - float(self._state[Z]), GROUND_SIGMA_M**2)
 
-    def _correct(self, rows: npt.NDArray[np.int64], innovation: F64, variance: float) -> None:
-        """Kalman correction of directly measured states with one variance for each (Joseph form keeps P symmetric)."""
-        PHt = self._P[:, rows]
-        K = PHt @ np.linalg.inv(PHt[rows] + variance * np.eye(len(rows)))
-        self._state += K @ innovation
-        IKH = np.eye(5)
-        IKH[:, rows] -= K
-        self._P = IKH @ self._P @ IKH.T + variance * (K @ K.T)
+    def _correct(self, i: int, innovation: float, variance: float) -> None:
+        """Kalman correction of one directly measured state; independent measurements may be taken one by one."""
+        column = self._P[:, i].copy()
+        gain = column / (column[i] + variance)
+        self._state += gain * innovation
+        self._P -= gain[:, None] * column

@@ -102,8 +102,10 @@ class Follower:
         return Command(v, max(-rate_max, min(rate_max, v * curvature)))
 
     def _speed(self, v_mps: float, free_m: float) -> float:
-        room = free_m - STOP_SHORT_M - DELAY_S * abs(v_mps)
-        return min(float(self._limit_mps[self._nearest]), math.sqrt(2 * BRAKE_MPS2 * max(0.0, room)))
+        lag_m = DELAY_S * abs(v_mps)
+        soon = min(int(np.searchsorted(self.arc_m, self.arc_m[self._nearest] + lag_m)), len(self.arc_m) - 1)
+        stop_mps = math.sqrt(2 * BRAKE_MPS2 * max(0.0, free_m - STOP_SHORT_M - lag_m))
+        return min(float(self._limit_mps[soon]), stop_mps)
 
 
 def speed_profile(path: LocalPath, arc_m: F64, cruise_mps: float) -> F64:

@@ -35,6 +35,8 @@ SUSPECT_COST = 40.0
 """Blocked in the HRM, not in the GLRM: a vehicle that may have driven on. Passed only if there is no other way."""
 LEAVE_M, LEAVE_COST = 0.8, 15.0
 """A robot that stands inside the margin may leave it: nothing this near to its centre blocks."""
+SMOOTHING = 16
+"""Passes of a (1, 2, 1) / 4 mean over path points half a metre apart: a right angle becomes a curve of 2 m."""
 GOAL_REACH_M = 12.0
 """A goal inside an obstacle moves to the nearest free cell within this."""
 MOVED_M = 3.0
@@ -210,8 +212,9 @@ def _search(cost: F64, stops: Sequence[tuple[int, int]], grid: Grid) -> list[npt
 
 
 def _smoothed(xy_m: F64, clearance_m: F64) -> F64:
-    """The path's corners rounded by at most half a cell or so where there is room for it."""
+    """The path's corners rounded, by a metre where there is room for it."""
     smooth = xy_m.copy()
-    for _ in range(4):
+    for _ in range(SMOOTHING):
         smooth[1:-1] = 0.25 * smooth[:-2] + 0.5 * smooth[1:-1] + 0.25 * smooth[2:]
-    return np.where((clearance_m > 2 * LETHAL_M)[:, None], smooth, 0.5 * (smooth + xy_m))
+    room = np.clip((clearance_m - LETHAL_M) / (NEAR_M - LETHAL_M), 0.0, 1.0)
+    return xy_m + room[:, None] * (smooth - xy_m)
