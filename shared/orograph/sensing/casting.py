@@ -40,11 +40,9 @@ def embree_scene(device: EmbreeDevice, mesh: Mesh, origin_m: F64) -> EmbreeScene
     return scene
 
 
-def _limit(scene: EmbreeScene | None, origin: F32, rays: F32, distances: F32) -> None:
-    """Shorten `distances` (n,) in place to the nearest hits of rays (n, 3) from one origin (3,)."""
+def limit(scene: EmbreeScene | None, origins: F32, rays: F32, distances: F32) -> None:
+    """Shorten `distances` (n,) in place to the nearest hits of rays (n, 3) from origins (n, 3)."""
     if scene is not None and len(distances):
-        origins = np.empty_like(rays)
-        origins[:] = origin
         scene.run(origins, rays, dists=distances, query="DISTANCE")
 
 
@@ -80,11 +78,12 @@ class RayCaster:
         only meet buildings and boxes, so the ground is not searched for it: the origin must be above the ground.
         """
         window = self._window(origin_m)
-        origin = (origin_m - window.origin_m).astype(np.float32)
         rays, places, first = arranged(directions, R_map_laser, window.steepest)
         nearest = np.full(len(rays), self._reach_m, np.float32)
-        _limit(window.solid, origin, rays[:first], nearest[:first])
-        _limit(window.buildings, origin, rays[first:], nearest[first:])
+        origins = np.empty_like(rays)
+        origins[:] = origin_m - window.origin_m
+        limit(window.solid, origins[:first], rays[:first], nearest[:first])
+        limit(window.buildings, origins[first:], rays[first:], nearest[first:])
         limit_by_boxes(rays, nearest, boxes.centres_m - origin_m, boxes.half_m, boxes.R_box_map)
         return nearest, places
 

@@ -16,7 +16,7 @@ from orograph.scene.mesh import joined
 from orograph.scene.prior import COVERED
 from orograph.scene.terrain import ground_gradient
 from orograph.sensing.bodies import NO_BOXES
-from orograph.sensing.casting import embree_scene
+from orograph.sensing.casting import embree_scene, limit
 from orograph.sensing.laser import RangeCamera, laser_position_m
 
 F32 = npt.NDArray[np.float32]
@@ -26,17 +26,18 @@ F64 = npt.NDArray[np.float64]
 def _heights_from_above(scene: Scene, grid: Grid) -> tuple[F64, npt.NDArray[np.bool_]]:
     """Top surface [m] under each cell's centre and whether a building makes it, both (rows, cols)."""
     ground, buildings = scene.meshes_in(grid.extent_m)
-    top = joined([ground, buildings])
-    centre_m = np.array([*(np.mean(grid.extent_m[i::2]) for i in (0, 1)), top.vertices[:, 2].max() + 1.0])
-    solid = embree_scene(EmbreeDevice(), top, centre_m)
-    assert solid is not None
+    x0, y0, x1, y1 = grid.extent_m
+    above_m = joined([ground, buildings]).vertices[:, 2].max() + 1.0
+    centre_m = np.array([(x0 + x1) / 2, (y0 + y1) / 2, above_m])
     x, y = np.meshgrid(*grid.centres_m())
-    origins = np.stack([x, y, np.full_like(x, centre_m[2])], axis=-1).reshape(-1, 3) - centre_m
-    down = np.broadcast_to(np.array([0, 0, -1], np.float32), origins.shape)
-    hits = solid.run(origins.astype(np.float32), np.ascontiguousarray(down), output=True)
-    height = (centre_m[2] - hits["tfar"].astype(np.float64)).reshape(grid.shape)
-    building = (hits["primID"] >= len(ground.faces)).reshape(grid.shape)
-    return np.where(hits["primID"].reshape(grid.shape) < 0, np.nan, height), building
+    origins = (np.stack([x, y, np.full_like(x, above_m)], axis=-1).reshape(-1, 3) - centre_m).astype(np.float32)
+    down = np.tile(np.array([0, 0, -1], np.float32), (grid.size, 1))
+    depth = np.full(grid.size, np.inf, np.float32)
+    limit(embree_scene(EmbreeDevice(), ground, centre_m), origins, down, depth)
+    to_ground = depth.copy()
+    limit(embree_scene(EmbreeDevice(), buildings, centre_m), origins, down, depth)
+    height = np.where(np.isinf(depth), np.nan, above_m - depth.astype(np.float64))
+    return height.reshape(grid.shape), (depth < to_ground).reshape(grid.shape)
 
 
 def _block_mean(values: npt.NDArray[np.float64], factor: int) -> F64:
