@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from orograph.scenario import Building, Scenario, TerrainSpec
 from orograph.scene import build_scene
@@ -41,6 +41,7 @@ def test_flat_roof_is_a_prism(corners):
     assert (mesh.vertices[:, 2].min(), mesh.vertices[:, 2].max()) == (1.0 - SUNK_M, 7.0)
 
 
+@settings(deadline=None)
 @given(st.floats(0, 7), st.integers(0, 3), st.booleans())
 def test_ridged_roofs_have_their_closed_volumes(angle_rad, first, clockwise):
     corners = turned(RECTANGLE, angle_rad, (300.0, 200.0))

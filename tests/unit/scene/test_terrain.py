@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from orograph.grid import Grid
 from orograph.scenario import TerrainSpec, Wave
@@ -32,6 +32,7 @@ def test_wave_crest_and_trough_lie_along_its_heading():
     np.testing.assert_allclose(heights, [0.0, 2.0, 0.0, -2.0], atol=1e-12)
 
 
+@settings(deadline=None)
 @given(coordinates, coordinates)
 def test_gradient_is_the_heights_difference_quotient(x, y):
     step = 1e-4
@@ -68,6 +69,7 @@ def triangles(mesh) -> set[tuple[float, ...]]:
     return {tuple(mesh.vertices[face].reshape(-1).tolist()) for face in mesh.faces}
 
 
+@settings(deadline=None)
 @given(st.floats(-95, 165), st.floats(-115, 115), st.floats(0.1, 60), st.floats(0.1, 60))
 def test_part_holds_the_same_triangles_and_covers_its_rectangle(x, y, width, height):
     part = terrain_mesh(HILLS, GRID, (x, y, x + width, y + height))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from orograph.scenario import Scenario
 from orograph.scene import build_scene
@@ -43,6 +43,7 @@ def test_short_edges_take_smaller_arcs():
 
 
 @pytest.mark.parametrize("corners", [SQUARE, SQUARE[::-1], ((0.0, 0.0), (80.0, 5.0), (30.0, 50.0), (35.0, 20.0))])
+@settings(deadline=None)
 @given(start=st.floats(-500, 2000))
 def test_moves_smoothly_with_its_nose_ahead(corners, start):
     loop, step_m = rounded_loop(corners), 0.2
