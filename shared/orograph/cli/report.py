@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 
 from orograph.cli.errors import InputError
-from orograph.edge.cache import cache_folder
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -24,7 +23,7 @@ def main(args: argparse.Namespace) -> int:
     from orograph.report.folder import REPORT, FolderError, compose  # heavy: only once there is something to do
 
     try:
-        compose(args.folder, cache_folder())
+        compose(args.folder)
     except FolderError as error:
         raise InputError(str(error)) from None
     print(args.folder / REPORT)

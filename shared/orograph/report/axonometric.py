@@ -1,6 +1,7 @@
 """Height layers as solid 2.5D surfaces: every cell a column, seen from south-south-west above, painted back to front.
 
-The paper's Figs. 11-15. Columns instead of a stretched skin, so that walls stay walls; points can be hung into the scene.
+The paper's Figs. 11-15. Columns instead of a stretched skin, so that walls stay walls;
+points can be hung into the scene.
 """
 
 from __future__ import annotations
@@ -33,8 +34,7 @@ class Relief:
     grid: Grid
     height_m: F64
     exaggeration: float = 1.0
-    colour_m: F64 | None = None
-    """What the colour shows [m]; the height itself where None."""
+    colours: Any = HEIGHT
 
 
 def project(x_m: F64, y_m: F64, z_m: F64) -> F64:
@@ -44,9 +44,19 @@ def project(x_m: F64, y_m: F64, z_m: F64) -> F64:
     return np.stack([right, away * np.sin(TILT_RAD) + z_m * np.cos(TILT_RAD)], axis=-1)
 
 
+def picture_height(relief: Relief, width: float) -> float:
+    """Height of a picture of this width that the relief with its marks just fills."""
+    x0, y0, x1, y1 = relief.grid.extent_m
+    z = (float(np.nanmax(relief.height_m)) - float(np.nanmin(relief.height_m))) * relief.exaggeration
+    corners = project(np.array([x0, x1, x1, x0]), np.array([y0, y0, y1, y1]), np.zeros(4))
+    wide, high = np.ptp(corners, axis=0)
+    return float(width * 0.86 * (high + 0.6 * z * np.cos(TILT_RAD) + 0.1 * wide) / (1.12 * wide))
+
+
 def depth(x_m: F64, y_m: F64) -> F64:
     """Distance from the viewer along the ground, up to a constant [m]."""
-    return x_m * np.sin(TURN_RAD) + y_m * np.cos(TURN_RAD)
+    along: F64 = x_m * np.sin(TURN_RAD) + y_m * np.cos(TURN_RAD)
+    return along
 
 
 def thinned(relief: Relief) -> Relief:
@@ -54,10 +64,9 @@ def thinned(relief: Relief) -> Relief:
     factor = int(np.ceil(np.sqrt(relief.grid.size / MAX_CELLS)))
     if factor <= 1:
         return relief
-    colour = None if relief.colour_m is None else _blocks(relief.colour_m, factor)
     height = _blocks(relief.height_m, factor)
     grid = Grid(relief.grid.origin_m, relief.grid.cell_m * factor, (height.shape[0], height.shape[1]))
-    return Relief(grid, height, relief.exaggeration, colour)
+    return Relief(grid, height, relief.exaggeration, relief.colours)
 
 
 def _blocks(layer: F64, factor: int) -> F64:
@@ -83,7 +92,7 @@ def draw_relief(
     axes.add_collection(
         PolyCollection(
             [faces[i] for i in back_to_front], facecolors=colours[back_to_front], edgecolors=colours[back_to_front],
-            linewidths=0.15, rasterized=True,
+            linewidths=0.5, rasterized=True,
         )
     )  # fmt: skip
     _frame(axes, relief, base)
@@ -119,11 +128,10 @@ def _quad(x: F64, y: F64, corners: list[tuple[float, float]], heights: list[F64]
 
 
 def _face_colours(relief: Relief, limits_m: tuple[float, float]) -> F64:
-    """Colours of the tops (rows, cols, 3): height by viridis under a light from the west, unknown in grey."""
+    """Colours of the tops (rows, cols, 3): height under a light from the west, unknown in grey."""
     low, high = limits_m
-    shown = relief.height_m if relief.colour_m is None else relief.colour_m
-    share = np.clip((shown - low) / max(high - low, 1e-6), 0, 1)
-    rgb = colormaps[HEIGHT](np.nan_to_num(share))[..., :3]
+    share = np.clip((relief.height_m - low) / max(high - low, 1e-6), 0, 1)
+    rgb = np.asarray(colormaps.get_cmap(relief.colours)(np.nan_to_num(share)))[..., :3]
     rgb[np.isnan(relief.height_m)] = to_rgb(UNKNOWN)
     return np.clip(rgb * _light(relief)[..., None], 0, 1)
 

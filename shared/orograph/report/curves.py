@@ -17,11 +17,13 @@ from orograph.report.score import CONFIDENCE_BINS, SHARES, MapScore
 F64 = npt.NDArray[np.float64]
 Series = Mapping[str, tuple[F64, F64]]
 """Robot -> (time [s], value)."""
+Silences = Sequence[tuple[float, float]]
+"""Stretches [begin, end] without radio [s]."""
 
 
 def coverage(
-    time_s: F64, share: F64, reached_s: Mapping[int, float | None], radio_down: Mapping[str, Sequence[tuple[float, float]]],
-    backlog: Series, end_s: float,
+    time_s: F64, share: F64, reached_s: Mapping[int, float | None], radio_down: Mapping[str, Silences], backlog: Series,
+    end_s: float, flush_s: float | None,
 ) -> Picture:  # fmt: skip
     """Coverage (0..1) over time with its milestones; below it each robot's backlog [cells] and radio silence."""
     robots = list(dict.fromkeys([*radio_down, *backlog]))
@@ -29,6 +31,9 @@ def coverage(
     def draw(figure: Figure) -> None:
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[1.6, 1.0])
         _coverage(upper, time_s, share, reached_s)
+        if flush_s is not None:
+            upper.axvline(flush_s, color=palette.QUIET, lw=0.8, ls=(0, (1, 2)))
+            upper.annotate("flush", (flush_s, 2), (-4, 0), textcoords="offset points", ha="right", fontsize=8)
         for i, robot in enumerate(robots):
             _backlog(lower, robot, i, backlog.get(robot), radio_down.get(robot, ()))
         lower.set_xlim(0, max(end_s, 1.0))
@@ -40,7 +45,8 @@ def coverage(
     return palette.picture(
         (10.0, 5.2),
         "Above: share of the cells observable from the patrol that the global map holds with confidence 64 and more. "
-        "Below: cells each robot holds that the map manager has not acknowledged yet; bands mark the time without radio. "
+        "Below: cells each robot holds that the map manager has not acknowledged yet; bands mark the time without "
+        "radio. "
         "A robot in a shadow piles up, then empties within seconds of its return.",
         "Line chart of coverage rising over simulation time, and of each robot's backlog of unsent cells.",
         draw,
@@ -60,9 +66,7 @@ def _coverage(axes: Axes, time_s: F64, share: F64, reached_s: Mapping[int, float
     axes.set_ylabel("coverage [%]")
 
 
-def _backlog(
-    axes: Axes, robot: str, i: int, series: tuple[F64, F64] | None, silent: Sequence[tuple[float, float]]
-) -> None:
+def _backlog(axes: Axes, robot: str, i: int, series: tuple[F64, F64] | None, silent: Silences) -> None:
     colour = palette.robot_colour(i)
     for begin, end in silent:
         axes.axvspan(begin, end, color=colour, alpha=0.13, lw=0)
@@ -83,7 +87,8 @@ def error_by_confidence(scores: Mapping[str, tuple[MapScore, MapScore]]) -> Pict
 
     return palette.picture(
         (10.0, 3.4),
-        "Does confidence mean anything? Root mean square of the height error [m] by the map's own confidence; the count above each bar is "
+        "Does confidence mean anything? Root mean square of the height error [m] by the map's own confidence; the "
+        "count above each bar is "
         "the number of cells. Below 64 a cell is mostly prior.",
         "Bar charts of height error by confidence bin for the global and the local maps.",
         draw,
@@ -117,7 +122,8 @@ def pose_errors(errors_m: Series, end_s: float) -> Picture:
 
     return palette.picture(
         (10.0, 2.9),
-        "How well each robot knew where it was: distance between its estimate and the truth, in the plane [cm]. Map heights are "
+        "How well each robot knew where it was: distance between its estimate and the truth, in the plane [cm]. Map "
+        "heights are "
         "placed by this estimate. Humps are stretches of poor satellite reception.",
         "Line chart of position error in centimetres over simulation time, one line per robot.",
         draw,

@@ -8,14 +8,14 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from orograph import keys
-from orograph.layers import LAYERS, CellMap
+from orograph.edge.cache import cache_folder
+from orograph.layers import CellMap
 from orograph.report import page, reference, summary
 from orograph.report.parts import Arrays, RunParts
 from orograph.scenario import Scenario
@@ -44,13 +44,13 @@ def read_parts(out: Path) -> RunParts:
 
 
 def compose(out: Path, cache: Path | None = None) -> Path:
-    """Make the finished run folder from `out`/parts and give the path of its summary.json.
+    """Make the finished run folder from `out`/parts and give the path of its summary.json; raises FolderError.
 
-    `cache` is a folder for reference maps, which depend on the scenario alone. Raises FolderError.
+    `cache` keeps reference maps, which depend on the scenario alone; None: where this machine keeps such things.
     """
     (out / SUMMARY).unlink(missing_ok=True)
     parts = read_parts(out)
-    verdict = summary.judge(parts, reference.cached(parts.scenario, cache))
+    verdict = summary.judge(parts, reference.cached(parts.scenario, cache or cache_folder()))
     _write(out / EVENTS, "".join(json.dumps(e, sort_keys=True) + "\n" for e in parts.events).encode())
     _write_map(out / GLRM, verdict.glrm)
     for robot, hrm in parts.hrms():
@@ -64,7 +64,9 @@ def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:
-        raise FolderError(f"{path} cannot be read ({error.strerror}): is {path.parent.parent} the folder of a run?") from error
+        raise FolderError(
+            f"{path} cannot be read ({error.strerror}): is {path.parent.parent} the folder of a run?"
+        ) from error
 
 
 def _node_name(stem: str) -> str | None:
@@ -121,7 +123,7 @@ def _write(path: Path, content: bytes) -> None:
 
 def _write_map(path: Path, cells: CellMap) -> None:
     temporary = path.with_name(f".{path.name}.part")
-    arrays: dict[str, Any] = {name: layer for name, layer in cells.layers()}
+    arrays: dict[str, Any] = dict(cells.layers())
     with temporary.open("wb") as stream:
         np.savez_compressed(stream, origin_m=np.array(cells.grid.origin_m), cell_m=cells.grid.cell_m, **arrays)
     temporary.replace(path)

@@ -71,8 +71,10 @@ def _paths(parts: RunParts, verdict: Verdict, extent: tuple[float, ...]) -> Pict
     if not verdict.tracks:
         return None
     paths = {robot: (track.position_m, track.radio) for robot, track in verdict.tracks.items()}
+    world = parts.of(keys.WORLD)
+    vehicles = [world[name][:, 1:3] for name in sorted(world) if name.startswith("vehicle_")]
     patrol, base = np.array(parts.scenario.patrol), parts.scenario.base_station_m
-    return maps.robot_paths(verdict.glrm, verdict.glrm.communications, paths, patrol, base, extent)
+    return maps.robot_paths(verdict.glrm, verdict.glrm.communications, paths, vehicles, patrol, base, extent)
 
 
 def _coverage(parts: RunParts, verdict: Verdict) -> Picture | None:
@@ -85,7 +87,9 @@ def _coverage(parts: RunParts, verdict: Verdict) -> Picture | None:
     share = np.concatenate([[0.0], np.arange(1, reached.size + 1), [reached.size]]) / verdict.observable_cells
     times = {int(k): v for k, v in verdict.summary["mapping_time_s"].items()}
     silent = {robot: track.silences_s() for robot, track in verdict.tracks.items()}
-    return curves.coverage(time_s, share, times, silent, _backlog(parts), parts.sim_time_s)
+    return curves.coverage(
+        time_s, share, times, silent, _backlog(parts), parts.sim_time_s, parts.phase_began_s("flush")
+    )
 
 
 def _backlog(parts: RunParts) -> dict[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]]:
@@ -113,11 +117,13 @@ def _glrm_surfaces(verdict: Verdict) -> tuple[Picture, Picture]:
     one = Relief(grid, first.astype(np.float64), times)
     two = Relief(grid, last.astype(np.float64), times)
     flat = "Before the first scan: the ground is known, and every building is drawn at one height."
-    found = "At the end: every street that was driven has measured heights, and façades stand as high as the lasers saw them."
+    found = "At the end: streets that were driven have measured heights, façades stand as high as the lasers saw them."
+    alike = "Oblique view of the initial global height map; all buildings equally high."
+    unlike = "Oblique view of the final global height map; buildings of different heights."
     return (
-        surfaces.surface(one, limits, f"{flat} {told}", "Oblique view of the initial global height map; all buildings equally high."),
-        surfaces.surface(two, limits, f"{found} {told}", "Oblique view of the final global height map; buildings of different heights."),
-    )  # fmt: skip
+        surfaces.surface(one, limits, f"{flat} {told}", alike),
+        surfaces.surface(two, limits, f"{found} {told}", unlike),
+    )
 
 
 def _exaggeration(grid: Grid) -> float:
@@ -129,13 +135,15 @@ def _exaggeration(grid: Grid) -> float:
 def _hrm_surfaces(parts: RunParts) -> tuple[Picture | None, Picture | None]:
     robot = parts.robots[0]
     first, last = parts.initial_hrm_height(robot), parts.hrm(robot)
-    layers = [layer for layer in (first and first[1], last and last.height) if layer is not None]
+    layers = [*([first[1]] if first else []), *([last.height] if last else [])]
     limits = surfaces.height_limits(*layers) if layers else (0.0, 1.0)
     one = two = None
     if first is not None:
-        caption = f"{robot}'s local map before its first scan: the global prior, each of its cells cut into finer ones. Heights [m]."
+        caption = f"{robot}'s local map before its first scan: the global prior, cut into finer cells. Heights [m]."
         relief = Relief(first[0], first[1].astype(np.float64))
-        one = surfaces.surface(relief, limits, caption, f"Oblique view of {robot}'s initial local height map: blocks of equal height.")
+        one = surfaces.surface(
+            relief, limits, caption, f"Oblique view of {robot}'s initial local height map: blocks of equal height."
+        )
     if last is not None:
         two = _final_hrm(robot, last, limits)
     return one, two
@@ -143,11 +151,14 @@ def _hrm_surfaces(parts: RunParts) -> tuple[Picture | None, Picture | None]:
 
 def _final_hrm(robot: str, hrm: CellMap, limits: tuple[float, float]) -> Picture:
     caption = (
-        f"{robot}'s local map at the end, around where it stopped: its own evidence over the prior. Walls are as high as the laser "
+        f"{robot}'s local map at the end, around where it stopped: its own evidence over the prior. Walls are as high "
+        f"as the laser "
         "saw them, and what it never saw keeps the prior. Heights [m]."
     )
     relief = Relief(hrm.grid, hrm.height.astype(np.float64))
-    return surfaces.surface(relief, limits, caption, f"Oblique view of {robot}'s final local height map with sharp walls.")
+    return surfaces.surface(
+        relief, limits, caption, f"Oblique view of {robot}'s final local height map with sharp walls."
+    )
 
 
 def _scene(parts: RunParts, verdict: Verdict) -> Picture | None:
@@ -162,7 +173,7 @@ def _scene(parts: RunParts, verdict: Verdict) -> Picture | None:
     points = _last_points(parts.scenario, laser)
     near = points[np.abs(points[:, :2] - (x, y)).max(axis=1) < AROUND_M]
     relief = Relief(grid, height.astype(np.float64))
-    return surfaces.scene_with_points(relief, near, surfaces.height_limits(height), robot)
+    return surfaces.scene_with_points(relief, near, laser["last_position_m"], surfaces.height_limits(height), robot)
 
 
 def _last_points(scenario: Scenario, laser: Any) -> npt.NDArray[np.float64]:

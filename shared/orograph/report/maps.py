@@ -52,7 +52,7 @@ def _zoom(axes: Axes, extent: tuple[float, ...]) -> None:
 def _bar(figure: Figure, axes: Axes, mappable: ScalarMappable, label: str) -> None:
     bar = figure.colorbar(mappable, ax=axes, shrink=0.7, pad=0.02, aspect=28)
     bar.set_label(label)
-    bar.outline.set_linewidth(0.4)  # type: ignore[operator]
+    bar.outline.set_linewidth(0.4)
 
 
 def occupation_and_confidence(glrm: CellMap, extent: tuple[float, ...]) -> Picture:
@@ -72,7 +72,8 @@ def occupation_and_confidence(glrm: CellMap, extent: tuple[float, ...]) -> Pictu
 
     return palette.picture(
         (11.0, 4.9),
-        "Final global map, cell by cell. Left, occupation: 1 (darkest) cannot be driven, from a slope of 0.3 on. Right, confidence: "
+        "Final global map, cell by cell. Left, occupation: 1 (darkest) cannot be driven, from a slope of 0.3 on. "
+        "Right, confidence: "
         "how much the map believes itself; the white line encloses what counts as mapped (64 and more).",
         "Two maps of the district from above: streets are light and buildings dark in the occupation layer; "
         "confidence is highest along the patrolled streets.",
@@ -96,10 +97,13 @@ def height_error(grid: Grid, against_surface_m: Layer, against_rule_m: Layer, ex
 
     return palette.picture(
         (11.0, 4.9),
-        "Height of the global map minus the truth [m], cells with confidence 64 and more; blue is too low, red too high. Left against the "
+        "Height of the global map minus the truth [m], cells with confidence 64 and more; blue is too low, red too "
+        "high. Left against the "
         "true top surface: a robot on the street sees walls, not roofs, so buildings come out low whoever maps them. "
-        "Right against what the same rules make of noise-free dense scans: what is left there is noise, pose error and route.",
-        "Two error maps: large negative errors on buildings against the true surface, small errors against the ideal scans.",
+        "Right against what the same rules make of noise-free dense scans: what is left there is noise, pose error "
+        "and route.",
+        "Two error maps: large negative errors on buildings against the true surface, small errors against the ideal "
+        "scans.",
         draw,
     )
 
@@ -111,9 +115,12 @@ def _round_limit(*layers: Layer) -> float:
 
 def robot_paths(
     glrm: CellMap, communications: Layer, paths: dict[str, tuple[Path, npt.NDArray[np.bool_]]],
-    patrol_m: npt.NDArray[np.float64], base_m: tuple[float, float], extent: tuple[float, ...],
+    vehicles: list[Path], patrol_m: Path, base_m: tuple[float, float], extent: tuple[float, ...],
 ) -> Picture:  # fmt: skip
-    """True paths (robot -> positions (n, 2), radio (n,)) over the occupation layer, radio shadow hatched."""
+    """True paths (robot -> positions (n, 2), radio (n,)) over the occupation layer, radio shadow hatched.
+
+    `vehicles` are paths (n, 2); patrol (m, 2).
+    """
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
@@ -122,6 +129,8 @@ def robot_paths(
         if (communications <= 0).any():
             axes.contourf(x, y, communications, [-1, 0.5], colors="none", hatches=["////"])
             axes.contour(x, y, communications, [0.5], colors=[palette.ALARM], linewidths=0.7)
+        for path in vehicles:
+            axes.plot(path[:, 0], path[:, 1], color=palette.QUIET, lw=0.7, ls=(0, (4, 3)))
         axes.plot(patrol_m[:, 0], patrol_m[:, 1], "o", ms=3.2, mfc="#ffffff", mec=palette.QUIET, mew=0.7)
         for i, (path, radio) in enumerate(paths.values()):
             _path(axes, path, radio, palette.robot_colour(i))
@@ -131,7 +140,8 @@ def robot_paths(
 
     return palette.picture(
         (10.0, 6.4),
-        "Where the robots drove. A full line: the radio reached the base; dotted red: silence, the robot went on mapping on its own. "
+        "Where the robots drove. A full line: the radio reached the base; dotted red: silence, the robot went on "
+        "mapping on its own. "
         "Hatched: the scenario's radio shadow. White dots are the patrol's waypoints.",
         "Map from above with one coloured path per robot along the streets, dotted red where the radio was down.",
         draw,
@@ -156,5 +166,6 @@ def _path_legend(robots: list[str]) -> list[Line2D]:
         Line2D([], [], marker="o", color=quiet, ls="none", ms=7, label="start"),
         Line2D([], [], marker="s", color=quiet, ls="none", ms=6.5, label="end"),
         Line2D([], [], marker="o", mfc="#ffffff", mec=quiet, ls="none", ms=3.2, label="waypoint"),
+        Line2D([], [], color=quiet, lw=0.7, ls=(0, (4, 3)), label="other vehicle"),
         Line2D([], [], marker="^", color=ink, ls="none", ms=8, label="base station"),
     ]

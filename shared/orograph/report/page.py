@@ -1,4 +1,4 @@
-"""report.html: one self-contained page from a judged run; numbers come from `summary`, pictures from the drawing modules."""
+"""report.html: one self-contained page from a judged run; numbers come from `summary`, pictures from `gallery`."""
 
 from __future__ import annotations
 
@@ -7,11 +7,17 @@ from importlib import resources
 
 import jinja2
 
-from orograph.report.gallery import Gallery, gallery
+from orograph.report.gallery import gallery
 from orograph.report.parts import RunParts
 from orograph.report.score import CONFIDENCE_BINS, OCCUPIED, SHARES
+from orograph.report.study import StudyRow, mapping_times
 from orograph.report.summary import Verdict
 from orograph.report.timing import PAPER_ROBOTS, PAPER_TABLE_3_S, table_2
+
+
+def render_study(title: str, rows: list[StudyRow]) -> str:
+    """study.html: the paper's Table 3 beside ours, as one self-contained page."""
+    return _template("study.html.j2").render(title=title, rows=rows, picture=mapping_times(rows))
 
 
 def render(parts: RunParts, verdict: Verdict) -> str:
@@ -22,7 +28,7 @@ def render(parts: RunParts, verdict: Verdict) -> str:
         scenario=parts.scenario,
         verdict=verdict,
         summary=verdict.summary,
-        pictures=_pictures(parts, verdict),
+        pictures=gallery(parts, verdict),
         table_2=table_2(parts),
         paper_robots=PAPER_ROBOTS,
         paper_table_3=PAPER_TABLE_3_S,
@@ -30,10 +36,6 @@ def render(parts: RunParts, verdict: Verdict) -> str:
         shares=SHARES,
         occupied=OCCUPIED,
     )
-
-
-def _pictures(parts: RunParts, verdict: Verdict) -> Gallery:
-    return gallery(parts, verdict)
 
 
 def _template(name: str) -> jinja2.Template:
@@ -53,4 +55,5 @@ def fixed(value: float | None, digits: int = 2) -> str:
     """A number with this many digits and thin thousands marks; a dash for what is unknown."""
     if value is None or not math.isfinite(value):
         return "–"
-    return f"{value:,.{digits}f}".replace(",", "\u202f").replace("-", "\u2212")
+    text = f"{round(value, digits) + 0.0:,.{digits}f}"
+    return text.replace(",", "\u202f").replace("-", "\u2212")

@@ -50,6 +50,17 @@ class RunParts:
         """Length of the run in simulation time."""
         return float(self.run["sim_time_s"])
 
+    def phase_began_s(self, name: str) -> float | None:
+        """Simulation time at which a phase of the run began, None if it never did."""
+        arrays = self.of(keys.ORCHESTRATOR)
+        began = dict(zip(arrays.get("phase_names", ()), arrays.get("phase_stamps_ns", ()), strict=True))
+        return float(began[name]) / 1e9 if name in began else None
+
+    def waypoints_visited(self) -> int | None:
+        """How many of the patrol's waypoints were visited by anybody."""
+        visited = self.of(keys.ORCHESTRATOR).get("visited_ns")
+        return None if visited is None else int((visited >= 0).sum())
+
     def of(self, service: str, robot: str | None = None) -> Arrays:
         """Artifacts of a node, empty where it left none."""
         return self.nodes.get(keys.node(service, robot), EMPTY)

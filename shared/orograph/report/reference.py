@@ -1,12 +1,13 @@
 """The reference: what the same rules give from noise-free dense scans along the patrol, moving bodies absent.
 
-It depends on the scenario alone: the shortest way over the prior's free cells from the first start through the waypoints
-in the scenario's order, a scan every SPACING_M, no stretch twice. The clock runs at the robot's top speed.
+It depends on the scenario alone: the shortest way over the prior's free cells from the first start through the
+waypoints in the scenario's order, a scan every SPACING_M, no stretch twice. The clock runs at the robot's top speed.
 """
 
 from __future__ import annotations
 
 import hashlib
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,9 @@ from orograph.sensing.truth import dense_scans
 VERSION = "1"
 """Grows with any change that moves the reference, so that kept ones are made anew."""
 SPACING_M = 2.0
+DENSITY = 1
+"""Rings and columns as the scenario's own laser has them: a robot scans about every metre, so what this sparser pass
+makes confident is what a robot that drives by can make confident too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,16 +56,16 @@ class Reference:
         return out
 
 
-def cached(scenario: Scenario, cache: Path | None) -> Reference:
-    """The reference of a scenario, from `cache` where it has been made before; None: no cache."""
-    if cache is None:
-        return build(scenario)
+def cached(scenario: Scenario, cache: Path) -> Reference:
+    """The reference of a scenario, from the folder `cache` where it has been made before."""
     name = hashlib.blake2b((VERSION + scenario.model_dump_json()).encode(), digest_size=16).hexdigest()
     kept = cache / f"reference-{name}.npz"
     if kept.exists():
         return _load(kept, scenario)
     reference = build(scenario)
-    _save(kept, reference)
+    # A cache that cannot be written, as in a read-only container, costs time and nothing else.
+    with suppress(OSError):
+        _save(kept, reference)
     return reference
 
 
@@ -75,7 +79,7 @@ def build(scenario: Scenario) -> Reference:
     )  # fmt: skip
     whole = CellMap.unknown(scenario.grid.grid.refined(scenario.hrm.per_glrm_cell))
     between_ns = round(SPACING_M / scenario.robot.speed_max_mps * 1e9)
-    for k, (points, ranges_m, position) in enumerate(dense_scans(build_scene(scenario), poses)):
+    for k, (points, ranges_m, position) in enumerate(dense_scans(build_scene(scenario), poses, DENSITY)):
         mapper.step(points, ranges_m, (float(position[0]), float(position[1])), k * between_ns)
         _keep_best(whole, mapper.evidence)
     return Reference(_glrm(scenario, mapper, given), _cropped(whole), poses)
@@ -85,7 +89,7 @@ def _glrm(scenario: Scenario, mapper: RobotMapper, given: tuple[Any, Any]) -> Ce
     grid = scenario.grid.grid
     own = mapper.registers()
     registers = np.zeros(len(own), REGISTER)
-    for name in own.dtype.names:
+    for name in own.dtype.names or ():
         registers[name] = own[name]
     registers["robot"] = 1
     prior = whole_prior(prior_records(scenario), grid.size)

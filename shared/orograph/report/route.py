@@ -21,7 +21,9 @@ NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 def patrol_poses(scenario: Scenario, spacing_m: float) -> F64:
     """Poses (n, 3) x [m], y [m], yaw [rad] along the patrol, `spacing_m` apart and no stretch twice."""
     stops = np.array([(scenario.starts[0].x_m, scenario.starts[0].y_m), *scenario.patrol])
-    return without_repeats(resampled(shortest_way(free_cells(scenario), scenario.grid.grid, stops), spacing_m), spacing_m)
+    return without_repeats(
+        resampled(shortest_way(free_cells(scenario), scenario.grid.grid, stops), spacing_m), spacing_m
+    )
 
 
 def free_cells(scenario: Scenario) -> Mask:

@@ -19,11 +19,12 @@ Mask = npt.NDArray[np.bool_]
 Heights = npt.NDArray[np.floating[Any]]
 
 OCCUPIED = 0.5
-"""A cell counts as occupied from this occupation on: half of the largest passable slope. A GLRM cell mixes wall and street,
-so its mean seldom reaches 1; below 0.5 the robot drives."""
+"""A cell counts as occupied from this occupation on: half of the largest passable slope. A GLRM cell mixes wall and
+street, so its mean seldom reaches 1; below 0.5 the robot drives."""
 CONFIDENCE_BINS = ((1, 64), (64, 128), (128, 192), (192, 256))
 """Half-open [low, high); the last holds 255."""
 SHARES = (50, 90, 95, 99)
+NOTHING: tuple[Heights, Heights, Mask] = (np.zeros(0), np.zeros(0), np.zeros(0, np.bool_))
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def occupied(cells: CellMap) -> Mask:
 
 def score_maps(pairs: list[tuple[CellMap, Truth, Mask]]) -> MapScore:
     """Pooled score of maps against truths; the mask (rows, cols) says which cells hold a building in the true scene."""
-    error, confidence, building = (np.concatenate(parts) for parts in zip(*map(_errors, pairs), strict=True))
+    error, confidence, building = (np.concatenate(parts) for parts in zip(NOTHING, *map(_errors, pairs), strict=True))
     sure = confidence >= CONFIDENT
     bins = tuple(HeightError.of(error[(confidence >= low) & (confidence < high)]) for low, high in CONFIDENCE_BINS)
     both = [_overlap(cells, truth) for cells, truth, _ in pairs]
@@ -121,5 +122,5 @@ def mapping_times_s(first_confident_ns: npt.NDArray[np.int64], observable: Mask)
     reached = np.sort(first_confident_ns.reshape(-1)[observable.reshape(-1)])
     reached = reached[reached >= 0]
     total = int(observable.sum())
-    needed = {share: math.ceil(total * share / 100) for share in SHARES}
+    needed = {share: -(-total * share // 100) for share in SHARES}
     return {s: float(reached[n - 1]) / 1e9 if 0 < n <= reached.size else None for s, n in needed.items()}

@@ -88,9 +88,7 @@ def judge(parts: RunParts, reference: Reference) -> Verdict:
     prior = unpack(prior_records(parts.scenario), parts.glrm_grid, *given)
     glrm = prior if ledger.glrm is None else unpack(ledger.glrm, parts.glrm_grid, *given)
     surface, building = true_surface(scene, glrm, GLRM_SAMPLES)
-    glrm_score = _both(
-        [(glrm, surface, building)], [(glrm, truth_of_map(reference.glrm), building)]
-    )
+    glrm_score = _both([(glrm, surface, building)], [(glrm, truth_of_map(reference.glrm), building)])
     hrm_score = _score_hrms(parts, scene, reference)
     radio = [_radio(parts, ledger, robot) for robot in parts.robots]
     figures = _figures(parts, ledger, glrm, reference, radio)
@@ -220,7 +218,11 @@ def sentence(parts: RunParts, figures: Mapping[str, Any]) -> str:
     share = figures["coverage"]
     covered = "an unknown share" if math.isnan(share) else f"{100 * share:.1f} %"
     first = f"{who} mapped {covered} of what the patrol can see in {minutes} min {seconds:02d} s of simulation."
-    same = {True: "Every robot ended with the same map, bit for bit.", False: "The robots' copies of the map differ.", None: ""}
+    same = {
+        True: "Every robot ended with the same map, bit for bit.",
+        False: "The robots' copies of the map differ.",
+        None: "",
+    }
     return f"{first} {same[figures['copies_hash_equal']]}".strip()
 
 

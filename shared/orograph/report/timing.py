@@ -63,7 +63,9 @@ def table_2(parts: RunParts) -> list[Table2Row]:
 
 def _row(parts: RunParts, stage: str) -> Table2Row:
     nodes = {robot: keys.node(keys.MAPPING, robot) for robot in parts.robots}
-    per_robot = {robot: durations for robot, node in nodes.items() if (durations := _durations(parts, node, stage)).size}
+    per_robot = {
+        robot: durations for robot, node in nodes.items() if (durations := _durations(parts, node, stage)).size
+    }
     manager = _durations(parts, keys.node(keys.MANAGER), stage)
     pooled = np.concatenate([manager, *per_robot.values()])
     spreads = {robot: Spread.of(durations) for robot, durations in per_robot.items()}

@@ -31,10 +31,10 @@ class Track:
 
     def silences_s(self) -> list[tuple[float, float]]:
         """Stretches [begin, end] without radio."""
-        edges = np.diff(np.concatenate([[0], (~self.radio).astype(np.int8), [0]]))
-        begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-        last = len(self.time_s) - 1
-        return [(float(self.time_s[b]), float(self.time_s[min(e, last)])) for b, e in zip(begins, ends, strict=True)]
+        silent = np.concatenate([[0], ~self.radio, [0]]).astype(np.int8)
+        edges = np.diff(silent)
+        begins, ends = np.flatnonzero(edges == 1), np.minimum(np.flatnonzero(edges == -1), len(self.time_s) - 1)
+        return list(zip(self.time_s[begins].tolist(), self.time_s[ends].tolist(), strict=True))
 
 
 def tracks(parts: RunParts) -> dict[str, Track]:
@@ -55,7 +55,7 @@ def _track(parts: RunParts, robot: str) -> Track | None:
 
 def _pose_error(parts: RunParts, robot: str, time_s: F64, position_m: F64) -> tuple[F64, F64]:
     """Estimates compared at their own stamps, the truth interpolated between frames."""
-    estimate = parts.of(keys.NAVIGATOR, robot).get("estimate")
+    estimate = parts.of(keys.NAVIGATOR, robot).get("trajectory")
     if estimate is None or not len(estimate):
         return np.zeros(0), np.zeros(0)
     at = estimate[:, 0] / 1e9

@@ -1,0 +1,106 @@
+"""`orograph study`: one scenario with different numbers of robots, beside the paper's Table 3."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.table import Table
+
+from orograph.cli.errors import InputError
+from orograph.cli.run import resolve, run
+from orograph.edge.scenario_file import load_scenario
+
+if TYPE_CHECKING:
+    from orograph.report.study import StudyRow
+
+
+def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Declare the command's options."""
+    parser = subparsers.add_parser(
+        "study", help="compare numbers of robots, as the paper's Table 3",
+        description="Run a scenario with each number of robots; writes study.json and study.html beside the runs.",
+    )  # fmt: skip
+    parser.add_argument("scenario", help="a folder, a scenario.yaml, or a name in ./scenarios")
+    parser.add_argument("--robots", default="1,2,3", metavar="N,N,...", help="numbers of robots (default: 1,2,3)")
+    parser.add_argument("--seed", type=int, metavar="S", help="seed of all randomness (default: the scenario's)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder, new or empty (default: runs/study-<name>-NNN)")
+    parser.add_argument("--in-process", action="store_true", help="all in one process over a simulated network")
+    parser.add_argument("--quiet", action="store_true", help="no progress view")
+    parser.set_defaults(main=main)
+
+
+def main(args: argparse.Namespace) -> int:
+    """Run every number of robots, print the table and say where the page is."""
+    from orograph.report.page import render_study  # heavy: only once the input is known to be good
+    from orograph.report.study import study_rows
+
+    asked = load_scenario(args.scenario)
+    scenarios = [resolve(asked, count, args.seed, "max") for count in counts(args.robots)]
+    out = new_folder(args.out, asked.name)
+    summaries = []
+    for scenario in scenarios:
+        folder = run(scenario, out / f"robots-{scenario.robots}", in_process=args.in_process, quiet=args.quiet)
+        summaries.append((folder.name, json.loads((folder / "summary.json").read_text())))
+    rows = study_rows(summaries)
+    _write(out / "study.html", render_study(asked.title, rows))
+    _write(
+        out / "study.json", json.dumps({"scenario": asked.name, "rows": [asdict(row) for row in rows]}, indent=2) + "\n"
+    )
+    Console().print(table(asked.name, rows))
+    print(f"study: {out / 'study.html'}")
+    return 0
+
+
+def counts(text: str) -> list[int]:
+    """Numbers of robots from `1,2,3`, ascending, each once; raises InputError."""
+    try:
+        return sorted({int(part) for part in text.split(",")})
+    except ValueError:
+        raise InputError(f"--robots {text}: expected numbers and commas such as 1,2,3") from None
+
+
+def new_folder(out: Path | None, name: str) -> Path:
+    """The study's folder, made; raises InputError where it is not empty or cannot be made."""
+    if out is None:
+        out = next(p for i in range(1, 10_000) if not (p := Path("runs") / f"study-{name}-{i:03d}").exists())
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"--out {out}: not an empty folder; name a new one or remove it")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None
+    return out
+
+
+def table(name: str, rows: list[StudyRow]) -> Table:
+    """The paper's Table 3 with ours beside it."""
+    out = Table(title=f"Mapping time on {name} [s of simulation, 95 % of observable cells]")
+    for heading in (
+        "robots",
+        "paper [s]",
+        "paper speed-up",
+        "ours [s]",
+        "ours speed-up",
+        "coverage [%]",
+        "x real time",
+    ):
+        out.add_column(heading, justify="right")
+    for row in rows:
+        covered = None if row.coverage is None else 100 * row.coverage
+        figures = (
+            (row.paper_s, 0), (row.paper_speed_up, 2), (row.mapping_s, 1), (row.speed_up, 2),
+            (covered, 1), (row.rtf, 1),
+        )  # fmt: skip
+        out.add_row(str(row.robots), *("-" if value is None else f"{value:.{digits}f}" for value, digits in figures))
+    return out
+
+
+def _write(path: Path, text: str) -> None:
+    temporary = path.with_name(f".{path.name}.part")
+    temporary.write_text(text, encoding="utf-8")
+    temporary.replace(path)
