@@ -72,7 +72,7 @@ class RayCaster:
         self._windows: OrderedDict[tuple[int, int], Window] = OrderedDict()
 
     def distances(self, origin_m: F64, R_map_laser: F64, directions: F32, boxes: Boxes) -> tuple[F32, I32]:
-        """Distances (n,) [m] to the nearest hits, `reach_m` where none, and the ray (n,) that each belongs to.
+        """Distances (n,) [m] to the nearest hits, inf where none in reach, and the ray (n,) that each belongs to.
 
         Unit directions (n, 3) are in the laser frame. A ray that rises more steeply than any ground in the window can
         only meet buildings and boxes, so the ground is not searched for it: the origin must be above the ground.
@@ -85,6 +85,7 @@ class RayCaster:
         limit(window.solid, origins[:first], rays[:first], nearest[:first])
         limit(window.buildings, origins[first:], rays[first:], nearest[first:])
         limit_by_boxes(rays, nearest, boxes.centres_m - origin_m, boxes.half_m, boxes.R_box_map)
+        nearest[nearest >= np.float32(self._reach_m)] = np.inf  # else noise could pull an empty ray into range
         return nearest, places
 
     def _window(self, origin_m: F64) -> Window:

@@ -42,7 +42,8 @@ def edge_distance(origin, ray, triangles) -> float:
 
 
 def nearest_hits(origin, rays, triangles):
-    return [min(REACH_M, triangle_hits(origin, ray, triangles).min()) for ray in rays.astype(np.float64)]
+    nearest = [float(triangle_hits(origin, ray, triangles).min()) for ray in rays.astype(np.float64)]
+    return [t if t < REACH_M else math.inf for t in nearest]
 
 
 def cast(caster, origin, R, directions, boxes=NO_BOXES):
@@ -97,7 +98,7 @@ def test_tilted_plane_in_closed_form(slope_x, slope_y, x, y, seed):
     directions = directions_of(seed, 100)
     seen = cast(RayCaster(scene, REACH_M), origin, np.eye(3), directions)
     closing = directions.astype(np.float64) @ [slope_x, slope_y, -1.0]  # [m/m] at which a ray loses height over ground
-    expected = np.where(closing * REACH_M > 0.5, 0.5 / np.maximum(closing, 1e-9), REACH_M)
+    expected = np.where(closing * REACH_M > 0.5, 0.5 / np.maximum(closing, 1e-9), np.inf)
     grazing = np.abs(closing) < 0.05
     # A ray that meets the ground at slope s turns 0.02 mm of height into 0.02 / s mm of distance.
     np.testing.assert_allclose(seen[~grazing], expected[~grazing], atol=1e-3)
@@ -126,7 +127,7 @@ def test_boxes_as_their_twelve_triangles(seed, count):
     centres, half = draw.uniform(-6, 6, (count, 3)), draw.uniform(0.3, 5, (count, 3))  # some hold the origin
     turns = [rotation(*draw.uniform(-3, 3, 3)) for _ in range(count)]
     rays = directions_of(seed + 1, 60)
-    distances = np.full(len(rays), REACH_M, np.float32)
+    distances = np.full(len(rays), np.inf, np.float32)
     limit_by_boxes(rays, distances, centres, half, np.ascontiguousarray(np.stack([R.T for R in turns])))
     triangles = np.concatenate([box_triangles(*box) for box in zip(centres, half, turns, strict=True)])
     for ray, got, expected in zip(rays, distances, nearest_hits(np.zeros(3), rays, triangles), strict=True):
@@ -159,7 +160,7 @@ def test_building_on_a_hillside_is_met_by_rising_and_by_falling_rays():
     rays = np.array([[math.cos(e), 0, math.sin(e)] for e in np.radians([-30, 0, 7, 20, 40, 80])], np.float32)
     seen = cast(caster, np.array([100.0, 100.0, 10.5]), np.eye(3), rays)
     # Falling 30 deg: 0.5 m over ground that rises 0.1 in 1; then the wall 20 m ahead; the last passes over it.
-    expected = [0.5 / (0.5 + 0.1 * rays[0, 0]), 20, *(20 / rays[i, 0] for i in (2, 3, 4)), REACH_M]
+    expected = [0.5 / (0.5 + 0.1 * rays[0, 0]), 20, *(20 / rays[i, 0] for i in (2, 3, 4)), np.inf]
     # Level: the ground, 0.5 m lower and rising by 0.1, is met after 5 m; at 7 degrees (0.123) it is not.
     expected[1] = 5.0
     np.testing.assert_allclose(seen, expected, rtol=1e-4)

@@ -123,6 +123,12 @@ def test_measured_ranges_stay_below_the_maximum_in_float32(flat_world, poses_at)
     assert in_metres.max() < 40.0
 
 
+@pytest.mark.parametrize("range_max_m", [80.0, 33.3])
+def test_no_noise_makes_a_return_of_nothing(flat_world, poses_at, range_max_m):
+    sky = {"elevation_min_deg": 1.0, "elevation_max_deg": 60.0, "noise_m": 0.5, "range_max_m": range_max_m}
+    assert not laser_in(flat_world(laser=sky)).scan(poses_at((100, 100, 0, 0), None, None), 1, 0).any()
+
+
 def test_noise_and_dropouts_have_their_size(flat_world, poses_at):
     spec = {"rings": 64, "columns": 4096, "elevation_min_deg": -10, "elevation_max_deg": -5, "noise_m": 0.03}
     quiet = laser_in(flat_world(laser=spec | {"noise_m": 0.0}))
