@@ -18,13 +18,15 @@ from orograph.mission.planner import (
     local_window,
     planning_grid,
 )
-from orograph.mission.planner_kernel import first_blocked, obstacle_near_m
+from orograph.mission.planner_kernel import first_appeared, first_blocked, obstacle_near_m
 
 F64 = npt.NDArray[np.float64]
 
 SECOND_NS = 1_000_000_000
 BODY_M = 0.7
 """An obstacle's cell centre nearer than this to the path blocks it."""
+MOVER_M, MOVER_CELLS = 3.0, 3
+"""Something moves if so many cells so near to the path are blocked that were not 0.4 s ago; one or two are noise."""
 LEAVING_M = 1.2
 BETWEEN_M = 0.25
 """Half of what lies between two path points: there the obstacle may begin already."""
@@ -39,6 +41,8 @@ class Guide:
 
     def __init__(self) -> None:
         self._local: PlanningMap | None = None
+        self._before: PlanningMap | None = None
+        """The local map before the newest: what is blocked only since then moves."""
         self._global: PlanningMap | None = None
         self._goals: tuple[PointXY, ...] = ()
         self._routes: list[F64] = []
@@ -52,7 +56,7 @@ class Guide:
     def take(self, planning_map: PlanningMap) -> None:
         """Keep a newer map; a new GLRM that blocks the present route makes it be planned anew."""
         if not planning_map.is_global:
-            self._local = planning_map
+            self._before, self._local = self._local, planning_map
             return
         self._global = planning_map
         if any(self._blocked_by(planning_map, route) for route in self._routes):
@@ -139,6 +143,7 @@ class Guide:
         hit = self._first_blocked(path.xy_m, begin, leaving, min(BODY_M, here_m - 0.05))
         if hit < 0:
             hit = self._first_blocked(path.xy_m, leaving, end, BODY_M)
+        hit = self._first_mover(path.xy_m, begin, end if hit < 0 else hit, hit)
         return horizon_m if hit < 0 else float(arc_m[hit] - along_m) - BETWEEN_M
 
     def free_behind(self, x_m: float, y_m: float, yaw_rad: float) -> bool:
@@ -154,6 +159,16 @@ class Guide:
     def _first_blocked(self, xy_m: F64, begin: int, end: int, radius_m: float) -> int:
         assert self._local is not None
         return int(first_blocked(xy_m, begin, end, *self._seen(self._local), radius_m))
+
+    def _first_mover(self, xy_m: F64, begin: int, end: int, otherwise: int) -> int:
+        """The first path point that something has come near since the last map: it may be there when the robot is."""
+        if self._local is None or self._before is None:
+            return otherwise
+        new, new_frame, threshold, unknown = self._seen(self._local)
+        old, old_frame, _, _ = self._seen(self._before)
+        maps = (new, new_frame, old, old_frame, threshold, unknown)
+        hit = int(first_appeared(xy_m, begin, end, *maps, MOVER_M, MOVER_CELLS))
+        return otherwise if hit < 0 else hit
 
     @staticmethod
     def _seen(local: PlanningMap) -> tuple[npt.NDArray[np.uint8], tuple[float, float, float], int, int]:

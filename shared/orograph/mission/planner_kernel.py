@@ -230,3 +230,41 @@ def first_blocked(
         if obstacle_near_m(xy_m[i, 0], xy_m[i, 1], occupation, frame, threshold, unknown, radius_m) < radius_m:
             return i
     return -1
+
+
+@numba.njit(cache=True)
+def first_appeared(
+    xy_m: F64,
+    first: int,
+    last: int,
+    new: U1,
+    new_frame: tuple[float, float, float],
+    old: U1,
+    old_frame: tuple[float, float, float],
+    threshold: int,
+    unknown: int,
+    radius_m: float,
+    count: int,
+) -> int:
+    """Index in [first, last) of the first path point with `count` cells within `radius_m` that are blocked only now.
+
+    Two maps of the same cells, frames (x0, y0, cell side) a whole number of cells apart. -1 if there is none.
+    """
+    rows, cols = new.shape
+    x0, y0, cell_m = new_frame
+    shift_c, shift_r = round((x0 - old_frame[0]) / cell_m), round((y0 - old_frame[1]) / cell_m)
+    reach = math.ceil(radius_m / cell_m)
+    for i in range(first, last):
+        col, row = math.floor((xy_m[i, 0] - x0) / cell_m), math.floor((xy_m[i, 1] - y0) / cell_m)
+        seen = 0
+        for r in range(max(0, row - reach), min(rows, row + reach + 1)):
+            for c in range(max(0, col - reach), min(cols, col + reach + 1)):
+                before_r, before_c = r + shift_r, c + shift_c
+                inside = 0 <= before_r < old.shape[0] and 0 <= before_c < old.shape[1]
+                if new[r, c] < threshold or new[r, c] == unknown or not inside:
+                    continue
+                near = (r - row) ** 2 + (c - col) ** 2 <= (radius_m / cell_m) ** 2
+                seen += near and old[before_r, before_c] < threshold
+        if seen >= count:
+            return i
+    return -1
