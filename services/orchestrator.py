@@ -18,6 +18,9 @@ from orograph.nodes.orchestrator import OrchestratorNode
 from orograph.scenario import Scenario
 from orograph.stages import StageRecorder
 
+UNPROVEN_S = 5.0
+"""A claim lasts this long without its liveliness token."""
+
 
 class Claims:
     """Answers the replicas' claims; liveliness tokens are the leases."""
@@ -25,6 +28,7 @@ class Claims:
     def __init__(self, robots: tuple[str, ...]) -> None:
         self._table = Membership(robots)
         self._lock = threading.Lock()
+        self._unproven: dict[tuple[str, str], float] = {}
 
     def attend(self, bus: Bus) -> None:
         """Learn who lives, then answer."""
@@ -35,6 +39,7 @@ class Claims:
 
     def _on_token(self, service: str, instance: str, robots: tuple[str, ...], alive: bool) -> None:
         with self._lock:
+            self._unproven.pop((service, instance), None)
             if alive:
                 self._table.restore([(service, instance, robots)])
             else:
@@ -43,10 +48,20 @@ class Claims:
     def _on_claim(self, payload: bytes) -> bytes:
         question = wire.unpack_plain(payload)
         with self._lock:
+            self._expire()
             grant = self._table.claim(
                 question["service"], question["instance"], question["capacity"], tuple(question["wanted"])
             )
+            if grant.robots:
+                self._unproven.setdefault((question["service"], question["instance"]), time.monotonic())
         return wire.pack_plain({"robots": list(grant.robots), "reason": grant.reason})
+
+    def _expire(self) -> None:
+        """Who claimed and never showed a token died in between."""
+        for claimant, since_s in list(self._unproven.items()):
+            if time.monotonic() - since_s > UNPROVEN_S:
+                self._table.lost(*claimant)
+                del self._unproven[claimant]
 
 
 def main() -> None:

@@ -30,7 +30,7 @@ def main() -> None:
         clock.run()
         host.save(keys.WORLD, {})
         recording.save_json("world", {
-            "sim_time_s": node.stamp_ns * 1e-9, "wall_time_s": clock.wall_time_s,
+            "sim_time_s": node.world.stamp_ns * 1e-9, "wall_time_s": clock.wall_time_s,
             "complete": bool(node.ended and node.ended.complete), "deterministic": clock.lost == 0,
             "copies_equal": bool(node.ended and node.ended.copies_equal),
         })  # fmt: skip

@@ -122,9 +122,10 @@ def take_part(
         robots = claim(bus, service, instance, settings, guard.stop) if service in keys.ROBOT_SERVICES else ()
         if guard.stop.is_set():
             return
-        nodes, stages = build(scenario, robots)
-        host = NodeHost(bus, nodes, scenario, recording)
+        # The token first: building nodes may compile for longer than a claim without one lasts.
         with bus.token(service, instance, robots):
+            nodes, stages = build(scenario, robots)
+            host = NodeHost(bus, nodes, scenario, recording)
             log.info("ready: %s", ", ".join(n.name for n in host.nodes))
             Participant(bus, host, instance, scenario, guard).run()
             host.save(process, stages)
