@@ -7,7 +7,7 @@ points can be hung into the scene.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -86,20 +86,19 @@ def draw_relief(
     faces, colours, order = _columns(relief, base, limits_m)
     if points_m is not None and len(points_m):
         dots, where = _dots(points_m, relief, base, point_m)
-        faces, order = [*faces, *dots], np.concatenate([order, where])
+        faces, order = np.concatenate([faces, dots]), np.concatenate([order, where])
         colours = np.concatenate([colours, np.asarray(point_colours, np.float64)])
     back_to_front = np.argsort(-order, kind="stable")
-    axes.add_collection(
-        PolyCollection(
-            [faces[i] for i in back_to_front], facecolors=colours[back_to_front], edgecolors=colours[back_to_front],
-            linewidths=0.5, rasterized=True,
-        )
-    )  # fmt: skip
+    colours, ordered = colours[back_to_front], cast(Any, faces[back_to_front])  # an array is quicker than a list
+    painted = PolyCollection(ordered, facecolors=colours, edgecolors=colours, linewidths=0.5, rasterized=True)
+    # Left out of the layout's search for extents, which would walk every polygon; axes limits hold it anyway.
+    painted.set_in_layout(False)
+    axes.add_collection(painted)
     _frame(axes, relief, base)
 
 
-def _columns(relief: Relief, base: float, limits_m: tuple[float, float]) -> tuple[list[F64], F64, F64]:
-    """Faces (4, 2), colours (n, 3) and depths (n,) of every top and of the walls that face the viewer."""
+def _columns(relief: Relief, base: float, limits_m: tuple[float, float]) -> tuple[F64, F64, F64]:
+    """Faces (n, 4, 2), colours (n, 3) and depths (n,) of every top and of the walls that face the viewer."""
     grid, cell = relief.grid, relief.grid.cell_m
     height = np.nan_to_num(relief.height_m, nan=base)
     z = (height - base) * relief.exaggeration
@@ -111,14 +110,14 @@ def _columns(relief: Relief, base: float, limits_m: tuple[float, float]) -> tupl
     tops = _quad(x, y, [(-h, -h), (h, -h), (h, h), (-h, h)], [z, z, z, z])
     fronts = _quad(x, y, [(-h, -h), (h, -h), (h, -h), (-h, -h)], [south, south, z, z])
     sides = _quad(x, y, [(-h, -h), (-h, h), (-h, h), (-h, -h)], [west, west, z, z])
-    faces: list[F64] = [tops]
+    faces = [tops]
     painted, order = [colour.reshape(-1, 3)], [depth(x, y).reshape(-1)]
     for quads, foot, shade in ((fronts, south, WALL_SHADE[1]), (sides, west, WALL_SHADE[0])):
-        shown = ((z - foot) > 1e-3).reshape(-1)
+        shown = ((z - foot) > 0.01 * cell).reshape(-1)
         faces.append(quads[shown])
         painted.append(colour.reshape(-1, 3)[shown] * shade)
         order.append(depth(x, y).reshape(-1)[shown] - 1e-6 * cell)
-    return list(np.concatenate(faces)), np.concatenate(painted), np.concatenate(order)
+    return np.concatenate(faces), np.concatenate(painted), np.concatenate(order)
 
 
 def _quad(x: F64, y: F64, corners: list[tuple[float, float]], heights: list[F64]) -> F64:
@@ -143,13 +142,13 @@ def _light(relief: Relief) -> F64:
     return 1.0 + np.clip(0.25 * slope, -0.18, 0.08)
 
 
-def _dots(points_m: F64, relief: Relief, base: float, size_m: float) -> tuple[list[F64], F64]:
+def _dots(points_m: F64, relief: Relief, base: float, size_m: float) -> tuple[F64, F64]:
     z = (points_m[:, 2] - base) * relief.exaggeration
     centre = project(points_m[:, 0], points_m[:, 1], z)
     h = size_m / 2
     square = np.array([(-h, -h), (h, -h), (h, h), (-h, h)])
     nearer = depth(points_m[:, 0], points_m[:, 1]) - relief.grid.cell_m
-    return list(centre[:, None, :] + square[None, :, :]), nearer
+    return centre[:, None, :] + square[None, :, :], nearer
 
 
 def _frame(axes: Axes, relief: Relief, base: float) -> None:
