@@ -6,7 +6,7 @@ Every search ends in a local optimum of its own: no clock and no thread takes pa
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -26,6 +26,8 @@ SPAN_WEIGHTS = (3, 10, 100)
 FIRST_TOURS = ("LOCAL_CHEAPEST_COST_INSERTION", "LOCAL_CHEAPEST_INSERTION", "PATH_CHEAPEST_ARC")
 THOROUGH_WAYPOINTS = 32
 """Up to here every weight is tried with every first tour; beyond, where a search takes long, with one first tour."""
+FORCED_WAYPOINTS = 12
+"""Up to here the longest tour is also made to part with each of its waypoints in turn."""
 FOREVER_S = 10**9
 
 
@@ -42,6 +44,11 @@ class _Patrol:
         stops = [robot, *(self.robots + w for w in tour)]
         return float(sum(self.distance_m[a, b] for a, b in pairwise(stops)))
 
+    def barring(self, robot: int, waypoint: int) -> _Patrol:
+        """The same patrol with a waypoint kept from a robot, unless nobody else may take it."""
+        left = tuple(r for r in self.takers[waypoint] if r != robot) or self.takers[waypoint]
+        return replace(self, takers=(*self.takers[:waypoint], left, *self.takers[waypoint + 1 :]))
+
 
 def split_patrol(robots: int, distance_m: Metres, barred: Sequence[Collection[int]] = ()) -> Tours:
     """Waypoints in driving order for each robot, every waypoint exactly once.
@@ -57,6 +64,8 @@ def split_patrol(robots: int, distance_m: Metres, barred: Sequence[Collection[in
     patrol = _Patrol(distance_m, robots, tuple(takers))
     reachable = [w for w in waypoints if takers[w]]
     tours = _even_out(patrol, _best_tours(patrol, list(range(robots)), reachable))
+    if len(reachable) <= FORCED_WAYPOINTS:
+        tours = _part_with_one(patrol, tours, reachable)
     for w in waypoints:
         if not takers[w]:
             shortest = min(willing[w], key=lambda r: (patrol.length_m(r, tours[r]), len(tours[r]), r))
@@ -100,6 +109,19 @@ def _even_out(patrol: _Patrol, tours: Tours) -> Tours:
             return tours
 
 
+def _part_with_one(patrol: _Patrol, tours: Tours, waypoints: list[int]) -> Tours:
+    """Search anew with one waypoint of the longest tour barred to its robot, as long as that shortens the longest."""
+    robots = list(range(patrol.robots))
+    while True:
+        lengths_m = [patrol.length_m(r, tour) for r, tour in enumerate(tours)]
+        longest = int(np.argmax(lengths_m))
+        forced = [_best_tours(patrol.barring(longest, w), robots, waypoints) for w in tours[longest]]
+        best = min([tours, *forced], key=lambda found: _lengths_m(patrol, robots, found)[0])
+        if _lengths_m(patrol, robots, best)[0] >= lengths_m[longest] - UNIT_M:
+            return tours
+        tours = _even_out(patrol, best)
+
+
 def _search(patrol: _Patrol, robots: list[int], waypoints: list[int], first: str, weight: int) -> Tours:
     places = [*robots, *(patrol.robots + w for w in waypoints)]
     end = len(places)
@@ -114,7 +136,7 @@ def _search(patrol: _Patrol, robots: list[int], waypoints: list[int], first: str
     for i, w in enumerate(waypoints):
         vehicles = [v for v, r in enumerate(robots) if r in patrol.takers[w]]
         if len(vehicles) < len(robots):
-            routing.SetAllowedVehiclesForIndex(vehicles, manager.NodeToIndex(len(robots) + i))
+            routing.VehicleVar(manager.NodeToIndex(len(robots) + i)).SetValues(vehicles)
     solution = routing.SolveWithParameters(_parameters(first))
     assert solution is not None, "a patrol without limits always has a solution"
     return [_tour(routing, manager, solution, v, waypoints) for v in range(len(robots))]
