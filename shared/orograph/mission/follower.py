@@ -16,7 +16,7 @@ F64 = npt.NDArray[np.float64]
 
 CRUISE_SHARE = 0.95
 """Of the robot's top speed: the rest is left for correcting its course."""
-BRAKE_MPS2 = 1.2
+BRAKE_MPS2, BRAKE_HARD_MPS2 = 1.2, 2.0
 LATERAL_MPS2 = 1.5
 STOP_SHORT_M = 0.3
 DELAY_S = 0.3
@@ -106,6 +106,11 @@ class Follower:
         soon = min(int(np.searchsorted(self.arc_m, self.arc_m[self._nearest] + lag_m)), len(self.arc_m) - 1)
         stop_mps = math.sqrt(2 * BRAKE_MPS2 * max(0.0, free_m - STOP_SHORT_M - lag_m))
         return min(float(self._limit_mps[soon]), stop_mps)
+
+
+def braking_distance_m(v_mps: float) -> float:
+    """Metres the robot needs to stop from a speed, its lag included."""
+    return DELAY_S * abs(v_mps) + v_mps**2 / (2 * BRAKE_HARD_MPS2)
 
 
 def speed_profile(path: LocalPath, arc_m: F64, cruise_mps: float) -> F64:

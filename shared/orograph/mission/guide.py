@@ -26,7 +26,7 @@ SECOND_NS = 1_000_000_000
 BODY_M = 0.7
 """An obstacle's cell centre nearer than this to the path blocks it."""
 MOVER_M, MOVER_CELLS = 3.0, 3
-"""Something moves if so many cells so near to the path are blocked that were not 0.4 s ago; one or two are noise."""
+"""Something moves if so many cells so near to the path are blocked that were not 0.8 s ago; one or two are noise."""
 LEAVING_M = 1.2
 BETWEEN_M = 0.25
 """Half of what lies between two path points: there the obstacle may begin already."""
@@ -41,8 +41,8 @@ class Guide:
 
     def __init__(self) -> None:
         self._local: PlanningMap | None = None
-        self._before: PlanningMap | None = None
-        """The local map before the newest: what is blocked only since then moves."""
+        self._recent: list[PlanningMap] = []
+        """The newest three local maps: what is blocked only since the first of them moves."""
         self._global: PlanningMap | None = None
         self._goals: tuple[PointXY, ...] = ()
         self._routes: list[F64] = []
@@ -56,7 +56,8 @@ class Guide:
     def take(self, planning_map: PlanningMap) -> None:
         """Keep a newer map; a new GLRM that blocks the present route makes it be planned anew."""
         if not planning_map.is_global:
-            self._before, self._local = self._local, planning_map
+            self._local = planning_map
+            self._recent = [*self._recent[-2:], planning_map]
             return
         self._global = planning_map
         if any(self._blocked_by(planning_map, route) for route in self._routes):
@@ -132,10 +133,13 @@ class Guide:
             self._routes.append(route)
         return bool(self._routes)
 
-    def free_ahead_m(self, path: LocalPath, arc_m: F64, along_m: float, at: PointXY, horizon_m: float) -> float:
+    def free_ahead_m(
+        self, path: LocalPath, arc_m: F64, along_m: float, at: PointXY, horizon_m: float, brake_m: float
+    ) -> float:
         """Metres of path ahead, up to the horizon, without an obstacle on the newest local map.
 
         A robot that stands too near to something may leave: at first the path must only not lead nearer to it.
+        Before something that moves towards the path it stops if it still can, in `brake_m`; else it had better pass.
         """
         ends = np.searchsorted(arc_m, along_m + np.array([0.0, LEAVING_M, horizon_m]), side="right")
         begin, leaving, end = (int(i) for i in ends)
@@ -143,7 +147,7 @@ class Guide:
         hit = self._first_blocked(path.xy_m, begin, leaving, min(BODY_M, here_m - 0.05))
         if hit < 0:
             hit = self._first_blocked(path.xy_m, leaving, end, BODY_M)
-        hit = self._first_mover(path.xy_m, begin, end if hit < 0 else hit, hit)
+        hit = self._first_mover(path.xy_m, int(np.searchsorted(arc_m, along_m + brake_m)), end if hit < 0 else hit, hit)
         return horizon_m if hit < 0 else float(arc_m[hit] - along_m) - BETWEEN_M
 
     def free_behind(self, x_m: float, y_m: float, yaw_rad: float) -> bool:
@@ -162,10 +166,8 @@ class Guide:
 
     def _first_mover(self, xy_m: F64, begin: int, end: int, otherwise: int) -> int:
         """The first path point that something has come near since the last map: it may be there when the robot is."""
-        if self._local is None or self._before is None:
-            return otherwise
-        new, new_frame, threshold, unknown = self._seen(self._local)
-        old, old_frame, _, _ = self._seen(self._before)
+        new, new_frame, threshold, unknown = self._seen(self._recent[-1])
+        old, old_frame, _, _ = self._seen(self._recent[0])
         maps = (new, new_frame, old, old_frame, threshold, unknown)
         hit = int(first_appeared(xy_m, begin, end, *maps, MOVER_M, MOVER_CELLS))
         return otherwise if hit < 0 else hit

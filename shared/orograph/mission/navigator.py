@@ -9,7 +9,7 @@ from typing import Any
 from orograph.keys import robot_number
 from orograph.messages import Mission, PlanningMap, Pose, RobotStatus, Sensors
 from orograph.mission.ekf import PoseFilter
-from orograph.mission.follower import STOP, Command, Follower
+from orograph.mission.follower import STOP, Command, Follower, braking_distance_m
 from orograph.mission.guide import Guide
 from orograph.mission.recovery import SECOND_NS, STALLED_S, STUCK_S, Recovery, StuckWatch
 from orograph.mission.return_path import ReturnPath
@@ -154,7 +154,8 @@ class Navigator:
             return 0.0
         at = (self.pose.x_m, self.pose.y_m)
         along_m = self._follower.advance(*at)
-        free_m = self.guide.free_ahead_m(path, self._follower.arc_m, along_m, at, HORIZON_M)
+        brake_m = braking_distance_m(self.pose.v_mps)
+        free_m = self.guide.free_ahead_m(path, self._follower.arc_m, along_m, at, HORIZON_M, brake_m)
         if free_m >= NEAR_M:
             self._blocked_ns = -1
         elif self._blocked_ns < 0:
