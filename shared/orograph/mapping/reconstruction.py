@@ -19,10 +19,11 @@ DROP_REASONS = ("not_finite", "beyond_range", "outside_grid")
 
 class _Workspace(NamedTuple):
     slot_of_cell: npt.NDArray[np.int32]
-    cell_of_slot: npt.NDArray[np.int64]
     slot_of_point: npt.NDArray[np.int32]
+    sub_cell: npt.NDArray[np.uint8]
+    cell_of_slot: npt.NDArray[np.int64]
     centre: npt.NDArray[np.float64]
-    points: npt.NDArray[np.int64]
+    count_of_slot: npt.NDArray[np.int64]
     height: npt.NDArray[np.float64]
     moments: npt.NDArray[np.float64]
     hits: npt.NDArray[np.int64]
@@ -32,11 +33,11 @@ class _Workspace(NamedTuple):
     @classmethod
     def sized(cls, cells: int, points: int) -> _Workspace:
         slots = min(cells, points)
-        whole, real = np.int64, np.float64
         return cls(
-            np.full(cells, -1, np.int32), np.empty(slots, whole), np.empty(points, np.int32),
-            np.empty((slots, 2), real), np.empty(slots, whole), np.empty(slots, real), np.empty((slots, 7), real),
-            np.empty(slots, whole), np.empty(slots, real), np.empty((slots, 5), np.float32),
+            np.full(cells, -1, np.int32), np.empty(points, np.int32), np.empty(points, np.uint8),
+            np.empty(slots, np.int64), np.empty((slots, 2), np.float64), np.empty(slots, np.int64),
+            np.empty(slots, np.float64), np.empty((slots, 7), np.float64), np.empty(slots, np.int64),
+            np.empty(slots, np.float64), np.empty((slots, 5), np.float32),
         )  # fmt: skip
 
 
@@ -62,10 +63,10 @@ class Reconstructor:
         with self._stage("gradients"):
             kernels.gradients(points, n, side, grid.rows, grid.cols, w)
         with self._stage("confidence"):
-            kernels.confidences(points, ranges_m, n, r, x0, y0, side, w)
+            kernels.confidences(ranges_m, n, r, w)
         with self._stage("occupation"):
-            kernels.occupations(n, s, w)
-        kernels.release(n, w)
+            kernels.occupations(n, s, w.values)
+        kernels.release(n, w.cell_of_slot, w.slot_of_cell)
         return w.cell_of_slot[:n], w.values[:n]
 
 

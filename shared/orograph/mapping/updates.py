@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-from orograph.messages import OCCUPATION_ONE, RECORD, UNKNOWN_OCCUPATION, Packed
+from orograph.mapping.update_kernel import moved_enough
+from orograph.messages import RECORD, Packed
 
-HEIGHT_MOVED_MM = 100
-OCCUPATION_MOVED = 0.1
-CONFIDENCE_MOVED = 16
 VALUE_FIELDS = ("tick", "height", "gradient_x", "gradient_y", "occupation", "confidence")
 
 
@@ -25,23 +22,9 @@ class Held:
 
     def moved(self, records: Packed) -> Packed:
         """Those of first sight, or moved from what is held: height > 0.1 m, occupation > 0.1, confidence > 16."""
-        held = self._records[records["cell"]]
-        new_occupation, old_occupation = _whole(records, "occupation"), _whole(held, "occupation")
-        became_known = (new_occupation == UNKNOWN_OCCUPATION) != (old_occupation == UNKNOWN_OCCUPATION)
-        moved = (
-            (held["confidence"] == 0)
-            | (np.abs(_whole(records, "height") - _whole(held, "height")) > HEIGHT_MOVED_MM)
-            | (np.abs(new_occupation - old_occupation) > OCCUPATION_MOVED * OCCUPATION_ONE)
-            | became_known
-            | (np.abs(_whole(records, "confidence") - _whole(held, "confidence")) > CONFIDENCE_MOVED)
-        )
-        return np.compress(moved, records)
+        return np.compress(moved_enough(records, self._records), records)
 
     def differing(self, records: Packed) -> Packed:
         """Those that differ at all, tick included, from what is held."""
         held = self._records[records["cell"]]
         return np.compress(np.any([records[name] != held[name] for name in VALUE_FIELDS], axis=0), records)
-
-
-def _whole(records: Packed, name: str) -> npt.NDArray[np.int64]:
-    return records[name].astype(np.int64)
