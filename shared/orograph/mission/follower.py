@@ -14,8 +14,8 @@ from orograph.scenario import RobotSpec
 
 F64 = npt.NDArray[np.float64]
 
-CRUISE_SHARE = 0.95
-"""Of the robot's top speed: the rest is left for correcting its course."""
+CRUISE_SHARE = 0.85
+"""Of the robot's top speed: skid-steer wheels that run at the limit have none left to steer with."""
 BRAKE_MPS2, BRAKE_HARD_MPS2 = 1.2, 2.0
 LATERAL_MPS2 = 1.5
 STOP_SHORT_M = 0.3
