@@ -114,7 +114,7 @@ def mapping_artifacts(scenario: Scenario, scene: Scene, index: int) -> dict[str,
 
 def laser_artifacts(scenario: Scenario, scene: Scene, index: int) -> dict[str, Any]:
     """The last scan, cast for real."""
-    poses = np.zeros(scenario.robots, POSE)
+    poses = np.zeros(scenario.robots + len(scenario.vehicles), POSE)
     for i in range(scenario.robots):
         x, y = way(scenario, i)[-1]
         poses[i]["position_m"] = x, y, float(scene.height_m(x, y))

@@ -61,7 +61,8 @@ def _coverage(axes: Axes, time_s: F64, share: F64, reached_s: Mapping[int, float
         axes.axhline(level, color=palette.RULE, lw=0.6, zorder=0)
         if at is not None:
             axes.plot(at, level, "o", ms=4.5, color=palette.INK)
-            axes.annotate(f"{level} % at {at:.0f} s", (at, level), (6, -11), textcoords="offset points", fontsize=8)
+    reached = [f"{level} % at {at:.0f} s" for level, at in reached_s.items() if at is not None]
+    axes.set_title(" · ".join(reached) or "50 % was not reached", fontsize=9, fontweight="normal")
     axes.set_ylim(0, 104)
     axes.set_ylabel("coverage [%]")
 

@@ -127,9 +127,9 @@ def _glrm_surfaces(verdict: Verdict) -> tuple[Picture, Picture]:
 
 
 def _exaggeration(grid: Grid) -> float:
-    """So that 10 m stay visible on a large district: 1 up to 200 m, 4 at 1 km."""
+    """So that 10 m stay visible on a large district: 1 up to 600 m, 2 at 1 km."""
     x0, y0, x1, y1 = grid.extent_m
-    return float(np.clip(round(max(x1 - x0, y1 - y0) / 250.0), 1, 6))
+    return float(np.clip(round(max(x1 - x0, y1 - y0) / 400.0), 1, 6))
 
 
 def _hrm_surfaces(parts: RunParts) -> tuple[Picture | None, Picture | None]:

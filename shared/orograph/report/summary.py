@@ -26,6 +26,7 @@ from orograph.sensing.truth import top_surface
 
 BUILDING_FROM_M = 1.0
 """A cell counts as building where the true surface stands more than this above the ground."""
+NUMBERS = dict(enumerate(["Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten"], 2))
 GLRM_SAMPLES, HRM_SAMPLES = 8, 3
 """Vertical rays per cell side: one every 0.6 m and every 0.17 m by default."""
 
@@ -213,7 +214,7 @@ def _json_ready(value: Any) -> Any:
 def sentence(parts: RunParts, figures: Mapping[str, Any]) -> str:
     """The run in two sentences."""
     robots = len(parts.robots)
-    who = "One robot" if robots == 1 else f"{robots} robots"
+    who = "One robot" if robots == 1 else f"{NUMBERS.get(robots, str(robots))} robots"
     minutes, seconds = divmod(round(parts.sim_time_s), 60)
     share = figures["coverage"]
     covered = "an unknown share" if math.isnan(share) else f"{100 * share:.1f} %"

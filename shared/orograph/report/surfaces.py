@@ -70,9 +70,8 @@ def _robot_mark(axes: Axes, relief: Relief, robot_m: F64, robot: str) -> None:
     foot = robot_m[2] - float(np.nanmin(relief.height_m))
     at = project(robot_m[:1], robot_m[1:2], np.array([foot * relief.exaggeration]))[0]
     axes.plot(*at, "o", ms=6, mfc=palette.ALARM, mec="#ffffff", zorder=5)
-    axes.annotate(
-        robot, at, (8, 8), textcoords="offset points", fontsize=9, fontweight="bold", color=palette.INK, zorder=5
-    )
+    label = axes.annotate(robot, at, (8, 8), textcoords="offset points", fontsize=9, color=palette.INK, zorder=5)
+    label.set_bbox({"facecolor": palette.PAPER, "alpha": 0.8, "edgecolor": "none", "pad": 1.5})
 
 
 def _side(grid: Grid) -> float:
