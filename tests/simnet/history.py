@@ -1,0 +1,81 @@
+"""What a fault run leaves behind for the checkers: plain values only, so that recorded live runs can be judged too."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass
+class Acked:
+    """The manager said: these would survive kill -9."""
+
+    robot: int
+    epoch: int
+    cells: np.ndarray
+    seqs: np.ndarray
+
+
+@dataclass
+class Commit:
+    """What the store holds after a commit (REGISTER), the map that this folds to (CELL), and its version."""
+
+    version: int
+    registers: np.ndarray
+    glrm: np.ndarray
+
+
+@dataclass
+class Sighting:
+    """A robot's copy, seen after a step in which it changed."""
+
+    robot: str
+    manager_epoch: int
+    version: int
+    cells: np.ndarray
+    commits: int
+    """How many commits there had been by then."""
+
+
+@dataclass
+class Load:
+    """Greatest sizes seen of one robot's queues."""
+
+    waiting: int = 0
+    flights: int = 0
+    batch_records: int = 0
+    messages_per_step: int = 0
+
+
+@dataclass
+class History:
+    """One run, from the first message to the quiet after the heal."""
+
+    size: int
+    acked: list[Acked] = field(default_factory=list)
+    commits: list[Commit] = field(default_factory=list)
+    recovered: list[tuple[bytes, bytes]] = field(default_factory=list)
+    """Hash of the map after a recovery, and after recovering the same store once more."""
+    sightings: list[Sighting] = field(default_factory=list)
+    loads: dict[str, Load] = field(default_factory=dict)
+    fenced: set[tuple[str, int]] = field(default_factory=set)
+    """Epochs (robot, epoch) that were declared over while an instance wrote in them."""
+    restarts: int = 0
+    conflicts: int = 0
+    rejected_changes: int = 0
+    """Inputs that had to be rejected but changed the manager's state or were not counted."""
+    quiet: bool = False
+    heal_to_quiet_ms: int = 0
+    """From when the last late message of the storm had come."""
+    manager_hash: bytes = b""
+    copy_hashes: dict[str, bytes] = field(default_factory=dict)
+    prior: np.ndarray | None = None
+    glrm: np.ndarray | None = None
+    """The manager's map at the end (CELL)."""
+    registers: np.ndarray | None = None
+    """The manager's, at the end (REGISTER)."""
+    own: dict[int, np.ndarray] = field(default_factory=dict)
+    """Robot number -> its mapper's last evidence (RECORD, one per cell that has any)."""
+    fault_free_hash: bytes | None = None
+    """None where a robot lost its memory, so that the same map is not promised."""

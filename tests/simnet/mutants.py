@@ -1,0 +1,308 @@
+"""Broken robots and managers, each with one mistake that the checkers must catch: they prove that the checkers see."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from orograph.messages import RECORD, ROW_RECORD, Batch, Delta, Welcome
+from orograph.protocol.copy import GlrmCopy
+from orograph.protocol.manager import ManagerSync
+from orograph.protocol.robot import RobotSync, SyncResult
+from orograph.protocol.store import Changes, Granted
+
+# --- managers --------------------------------------------------------------------------------------------------------
+
+
+class AckBeforeCommit(ManagerSync):
+    def _keep_and_answer(self, intake, now_ns, send):
+        for robot, batches in intake.batches.items():
+            for batch in batches:
+                send(robot, _ack_of(batch))
+        super()._keep_and_answer(intake, now_ns, send)
+
+
+class AckThoughDiskIsFull(ManagerSync):
+    def _commit(self, changes):
+        super()._commit(changes)
+        return True
+
+
+class PublishBeforeCommit(ManagerSync):
+    def _commit(self, changes):
+        if changes.registers:
+            cells = np.unique(np.concatenate([rows["cell"] for rows in changes.registers.values()])).astype(np.int64)
+            folded = self._ledger.folded(cells, changes.registers)
+            folded["version"] = changes.version
+            for to in self._numbers:
+                self._send_early(to, Delta(self.manager_epoch, self.version, changes.version, 0, 1, False, folded))
+        return super()._commit(changes)
+
+    def step(self, now_ns, inbox, send, *note):
+        self._send_early = send
+        super().step(now_ns, inbox, send, *note)
+
+
+class NoSequenceCheck(ManagerSync):
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        self._ledger.news = lambda robot, rows: rows[np.unique(rows["cell"], return_index=True)[1]]
+
+
+class NoEpochCheck(ManagerSync):
+    def _take_batch(self, intake, robot, batch):
+        intake.batches[robot].append(batch)
+
+
+class NewEpochForEveryHello(ManagerSync):
+    def _take_hello(self, intake, robot, nonce):
+        number = self._numbers[robot]
+        if any(grant.robot == number for grant in intake.granted):
+            return
+        intake.hellos.append((robot, nonce))
+        intake.granted.append(Granted(number, nonce, self._epochs.current(number) + 1))
+
+
+class EpochsInMemoryOnly(ManagerSync):
+    def _commit(self, changes):
+        return super()._commit(replace(changes, granted=()))
+
+
+class WelcomeWithoutTheRow(ManagerSync):
+    def _answer(self, intake, send):
+        row, self._ledger.row = self._ledger.row, lambda robot: np.zeros(0, ROW_RECORD)
+        super()._answer(intake, send)
+        self._ledger.row = row
+
+
+class FoldInOrderOfArrival(ManagerSync):
+    """Fuses what comes into the map as it is, as the paper's Map Manager would."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        ledger, folded = self._ledger, self._ledger.folded
+
+        def onto_the_map(cells, news):
+            if not hasattr(ledger, "glrm"):
+                return folded(cells, news)
+            prior, rows = ledger._prior, ledger._rows
+            ledger._prior, ledger._rows = ledger.glrm, {}
+            out = folded(cells, news)
+            ledger._prior, ledger._rows = prior, rows
+            return out
+
+        ledger.folded = onto_the_map
+
+
+class VersionsStartAgain(ManagerSync):
+    """After a restart versions begin at 0 in the same manager epoch."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        self.manager_epoch, self.version = 1, 0
+        self._downlink._epoch, self._downlink.version, self._downlink._published = 1, 0, 0
+
+
+class StoreForgotten(ManagerSync):
+    """Recovers the registers of the first robot only."""
+
+    def __init__(self, shape, prior, rules, store, robots):
+        held = store.load()
+        kept = {robot: rows for robot, rows in held.registers.items() if robot == 1}
+        super().__init__(shape, prior, rules, _Shown(store, replace(held, registers=kept)), robots)
+
+
+class _Shown:
+    def __init__(self, store, held):
+        self._store, self._held = store, held
+
+    def load(self):
+        return self._held
+
+    def commit(self, changes: Changes) -> None:
+        self._store.commit(changes)
+
+
+class RepairLeavesCellsOut(ManagerSync):
+    """Answers "since version" with half of the cells, and says it is all."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **kwargs)
+        parts = self._downlink._delta_parts
+        self._downlink._delta_parts = lambda first, last, cells, repair: parts(
+            first, last, cells[::2] if repair else cells, repair
+        )
+
+
+# --- robots ----------------------------------------------------------------------------------------------------------
+
+
+class _WithCopy(RobotSync):
+    copy_class: type[GlrmCopy] = GlrmCopy
+
+    def __init__(self, robot, shape, prior, nonce, seed):
+        super().__init__(robot, shape, prior, nonce, seed)
+        self.copy = self.copy_class(shape, prior)
+
+
+class _OverGaps(GlrmCopy):
+    def _take_beat(self, beat):
+        self._apply(replace(beat, first_version=min(beat.first_version, self.version)))
+
+
+class DeltaOverAGap(_WithCopy):
+    copy_class = _OverGaps
+
+
+class _OldCellsWin(GlrmCopy):
+    def take_delta(self, delta):
+        if self._in_epoch(delta.manager_epoch):
+            self.cells["version"] = 0
+            (self._apply if delta.last_version <= self.version else super().take_delta)(delta)
+
+
+class LateDeltaOverwrites(_WithCopy):
+    copy_class = _OldCellsWin
+
+
+class _PartIsWhole(GlrmCopy):
+    def _complete(self, delta):
+        return delta.part == 0
+
+
+class FirstPartIsEnough(_WithCopy):
+    copy_class = _PartIsWhole
+
+
+class _Deaf(GlrmCopy):
+    def take_digest(self, digest):
+        return
+
+
+class IgnoresDigests(_WithCopy):
+    copy_class = _Deaf
+
+
+class ForgetsItsRow(RobotSync):
+    """After a restart it begins from nothing, and its little evidence replaces its much."""
+
+    def _begin_epoch(self, row):
+        return super()._begin_epoch(row[:0])
+
+
+class LocalEvidenceOverRow(RobotSync):
+    """In its first life it sends what it saw since the start over what the manager holds, without fusing."""
+
+    def _begin_epoch(self, row):
+        self._outbox.rebase(row, first_life=False)
+        return row
+
+
+class ForgetsDirtyCells(RobotSync):
+    """On a new epoch it takes all it has as sent."""
+
+    def _begin_epoch(self, row):
+        adopted = super()._begin_epoch(row)
+        self._outbox._dirty[:] = False
+        self._outbox._count()
+        return adopted
+
+    def offer(self, records):
+        seen = self._outbox.own["confidence"][records["cell"]] > 0
+        same = self._outbox.own["tick"][records["cell"]] == records["tick"]
+        super().offer(records[~(seen & same)])
+
+
+class SentIsAcked(RobotSync):
+    """Clears cells when they are sent: at most once."""
+
+    def step(self, now_ns, inbox, send):
+        sent = [np.zeros(0, RECORD)]
+
+        def keep(message):
+            send(message)
+            if isinstance(message, Batch):
+                sent.append(message.records)
+
+        result = super().step(now_ns, inbox, keep)
+        gone = np.concatenate(sent)
+        cleared = self._outbox.acknowledge(gone["cell"], gone["seq"])
+        return SyncResult(np.concatenate([result.acknowledged, cleared]), result.adopted, result.first_life)
+
+
+class AckClearsWhateverSeq(RobotSync):
+    def _take_ack(self, ack, now_ns):
+        if not self._joining.hear_ack_of(ack.epoch, now_ns):
+            return np.zeros(0, RECORD)
+        return self._outbox.acknowledge(ack.acked["cell"], self._outbox.own["seq"][ack.acked["cell"]])
+
+
+class EchoesTheMap(RobotSync):
+    """Sends what it was told as its own evidence."""
+
+    def step(self, now_ns, inbox, send):
+        result = super().step(now_ns, inbox, send)
+        for message in inbox:
+            if isinstance(message, Delta) and len(message.cells):
+                told = np.zeros(len(message.cells), RECORD)
+                for name in ("cell", "height", "gradient_x", "gradient_y", "occupation", "confidence"):
+                    told[name] = message.cells[name]
+                told["tick"] = now_ns // 1_000_000
+                self.offer(told[told["confidence"] > 32])
+        return result
+
+
+class FencedFightsBack(RobotSync):
+    """Says hello again at once, so that two with one id take turns for ever."""
+
+    def step(self, now_ns, inbox, send):
+        self._joining.superseded = False
+        self._joining._hello_again_ns = 0
+        return super().step(now_ns, inbox, send)
+
+
+class SameNonceAfterRestart(RobotSync):
+    """Every instance of a robot introduces itself by one name: the manager cannot tell two lives apart."""
+
+    def __init__(self, robot, shape, prior, nonce, seed):
+        super().__init__(robot, shape, prior, robot.encode().ljust(16), seed)
+
+
+class TakesAnyWelcome(RobotSync):
+    """Takes a welcome for another instance as its own."""
+
+    def step(self, now_ns, inbox, send):
+        mine = self._joining._nonce
+        inbox = [replace(m, nonce=mine) if isinstance(m, Welcome) else m for m in inbox]
+        return super().step(now_ns, inbox, send)
+
+
+class UnboundedFlight(RobotSync):
+    """Sends everything at once, for ever."""
+
+    def _send_batches(self, epoch, now_ns, send):
+        for _ in range(3):
+            flights, self._outbox._flights = self._outbox._flights, []
+            self._outbox._in_flight[:] = False
+            records = self._outbox.next_batch(now_ns)
+            self._outbox._flights += flights
+            if len(records):
+                send(Batch(epoch, records))
+
+
+def _ack_of(batch):
+    from orograph.protocol.manager import _ack
+
+    return _ack(batch)
+
+
+MANAGERS = (
+    AckBeforeCommit, AckThoughDiskIsFull, PublishBeforeCommit, NoSequenceCheck, NoEpochCheck, NewEpochForEveryHello,
+    EpochsInMemoryOnly, WelcomeWithoutTheRow, FoldInOrderOfArrival, VersionsStartAgain, StoreForgotten,
+    RepairLeavesCellsOut,
+)  # fmt: skip
+ROBOTS = (
+    DeltaOverAGap, LateDeltaOverwrites, FirstPartIsEnough, IgnoresDigests, ForgetsItsRow, LocalEvidenceOverRow,
+    ForgetsDirtyCells, SentIsAcked, AckClearsWhateverSeq, EchoesTheMap, FencedFightsBack, SameNonceAfterRestart, TakesAnyWelcome,
+    UnboundedFlight,
+)  # fmt: skip

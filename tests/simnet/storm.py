@@ -1,0 +1,321 @@
+"""One seeded fault run over the real protocol objects: robots drive and scan while the network and the machines fail.
+
+Everything follows from the seed: the plan of faults, every message's fate, every scan. A run is: faults for some
+seconds, then heal, then the flush, then quiet; the checkers judge the history.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from unittest import mock
+
+import numpy as np
+from orograph.messages import RECORD, Ack, Batch, Delta, Fenced
+from orograph.protocol import downlink, outbox
+from orograph.protocol.fold import REGISTER, FoldRules, fold_registers
+from orograph.protocol.manager import ManagerSync
+from orograph.protocol.robot import RobotSync
+from orograph.protocol.store import Changes, MemoryStore, StoreFailed
+from simnet.history import Acked, Commit, History, Load, Sighting
+from simnet.mapper import Mapper
+from simnet.network import Network
+
+SHAPE = (24, 9)
+"""216 cells, two tiles: small enough to be quick, large enough that tiles differ."""
+SIZE = SHAPE[0] * SHAPE[1]
+FRAME_MS = 200
+STORM_FRAMES = 50
+QUIET_WITHIN_FRAMES = 400
+RULES = FoldRules()
+
+
+def make_prior() -> np.ndarray:
+    prior = np.zeros(SIZE, RECORD)
+    prior["cell"] = np.arange(SIZE)
+    prior["confidence"], prior["height"], prior["occupation"] = 32, 10 * np.arange(SIZE), 20
+    return prior
+
+
+PRIOR = make_prior()
+
+
+@dataclass
+class Faults:
+    """What may go wrong in a storm; all off is the fault-free run over the same scans."""
+
+    network: bool = True
+    links: bool = True
+    robot_restarts: bool = True
+    manager_crashes: bool = True
+    disk: bool = True
+    twins: bool = False
+    replays: bool = True
+
+
+NONE = Faults(*[False] * 7)
+
+
+class RecordedStore(MemoryStore):
+    """Tells the history of every commit that became durable."""
+
+    def __init__(self, history: History) -> None:
+        super().__init__()
+        self._history = history
+
+    def commit(self, changes: Changes) -> None:
+        before = self.commits
+        try:
+            super().commit(changes)
+        finally:
+            if self.commits > before:
+                self._history.commits.append(self._as_commit())
+
+    def _as_commit(self) -> Commit:
+        held = self.load()
+        parts = []
+        for robot in sorted(held.registers):
+            rows = held.registers[robot]
+            part = np.zeros(len(rows), REGISTER)
+            part["robot"] = robot
+            for name in rows.dtype.names:
+                part[name] = rows[name]
+            parts.append(part)
+        registers = np.concatenate(parts) if parts else np.zeros(0, REGISTER)
+        return Commit(held.version, registers, fold_registers(PRIOR, registers, RULES))
+
+
+@dataclass
+class Instance:
+    """One process of one robot: its protocol object and its mapper; lost together."""
+
+    robot: str
+    number: int
+    sync: RobotSync
+    mapper: Mapper = field(default_factory=lambda: Mapper(SIZE))
+
+
+class Storm:
+    """State of one run; `run` plays it to the end."""
+
+    def __init__(
+        self, seed: int, faults: Faults, robot_class: type[RobotSync] = RobotSync,
+        manager_class: type[ManagerSync] = ManagerSync,
+    ) -> None:  # fmt: skip
+        self.seed, self.faults = seed, faults
+        self._robot_class, self._manager_class = robot_class, manager_class
+        self._rng = np.random.default_rng([seed, 1])
+        self._network = Network(np.random.default_rng([seed, 2]))
+        self.history = History(SIZE, prior=PRIOR)
+        self._store = RecordedStore(self.history)
+        self._robots = tuple(f"robot_{i:03d}" for i in range(1, 2 + seed % 3 + 1))
+        self._instances: list[Instance] = []
+        self._started = 0
+        for robot in self._robots:
+            self._start(robot)
+        self.history.restarts = 0
+        self._manager: ManagerSync | None = self._new_manager()
+        self._manager_down_until = self._disk_full_until = 0
+        self._overheard: list[tuple[str, object]] = []
+
+    # --- machines ----------------------------------------------------------------------------------------------------
+
+    def _start(self, robot: str) -> None:
+        self._started += 1
+        self.history.restarts += 1
+        nonce = self.seed.to_bytes(8, "little") + self._started.to_bytes(8, "little")
+        sync = self._robot_class(robot, SHAPE, PRIOR, nonce, self.seed)
+        self._instances.append(Instance(robot, self._started, sync))
+
+    def _new_manager(self) -> ManagerSync:
+        return self._manager_class(SHAPE, PRIOR, RULES, self._store, self._robots)
+
+    def _restart_robot(self, robot: str) -> None:
+        self._instances = [instance for instance in self._instances if instance.robot != robot]
+        self._start(robot)
+
+    def _recover_manager(self) -> None:
+        self._manager = self._new_manager()
+        self.history.recovered.append((self._manager.hash(), self._new_manager().hash()))
+
+    # --- the plan of faults ------------------------------------------------------------------------------------------
+
+    def _break_something(self, frame: int) -> None:
+        faults, draw, weather = self.faults, self._rng.random(8), self._network.weather
+        robot = self._robots[int(self._rng.integers(len(self._robots)))]
+        if faults.network and draw[0] < 0.15:
+            weather.loss, weather.double, weather.late = (float(x) for x in self._rng.choice([0, 0.1, 0.3, 0.5], 3))
+            weather.late_frames_max = int(self._rng.integers(1, 26))
+        if faults.links and draw[1] < 0.1:
+            for cut in (weather.cut_up, weather.cut_down):
+                if self._rng.random() < 0.6:
+                    cut.symmetric_difference_update({robot})
+        if faults.robot_restarts and draw[2] < 0.03:
+            self._restart_robot(robot)
+        if faults.manager_crashes and draw[3] < 0.04 and self._manager is not None:
+            self._manager, self._manager_down_until = None, frame + int(self._rng.integers(1, 15))
+        if faults.disk and draw[4] < 0.05:
+            self._disk_full_until = frame + int(self._rng.integers(1, 12))
+        if faults.disk and draw[5] < 0.08:
+            self._store.fail_next = str(self._rng.choice(["lost", "kept"]))
+        if faults.twins and frame == STORM_FRAMES // 3:
+            self.history.conflicts += 1
+            self._start(robot)
+        if faults.replays and draw[7] < 0.2 and self._overheard:
+            sender, message = self._overheard[int(self._rng.integers(len(self._overheard)))]
+            self._network.send_up(frame, sender, message)
+
+    def _heal(self) -> None:
+        self._network.weather.loss = self._network.weather.double = self._network.weather.late = 0.0
+        self._network.weather.cut_up.clear()
+        self._network.weather.cut_down.clear()
+        self._store.fail_next, self._disk_full_until, self._manager_down_until = None, 0, 0
+
+    # --- one frame ---------------------------------------------------------------------------------------------------
+
+    def _step_manager(self, frame: int) -> None:
+        inbox = self._network.arrived_up(frame)
+        self._store.full = frame < self._disk_full_until
+        if self._manager is None:
+            if frame < self._manager_down_until:
+                return
+            self._recover_manager()
+        assert self._manager is not None
+
+        def send(robot: str | None, message: object) -> None:
+            if isinstance(message, Ack):
+                acked = Acked(int(robot[-3:]), message.epoch, message.acked["cell"], message.acked["seq"])
+                self.history.acked.append(acked)
+            if isinstance(message, Fenced) and self._is_alive(robot, message):
+                self.history.fenced.add((str(robot), message.epoch))
+            for to in self._robots if robot is None else (robot,):
+                self._network.send_down(frame, to, message)
+
+        try:
+            self._manager.step(frame * FRAME_MS * 1_000_000, inbox, send)
+        except StoreFailed:
+            self._manager, self._manager_down_until = None, frame + 2
+
+    def _is_alive(self, robot: str | None, fenced: Fenced) -> bool:
+        """Whether an instance writes in the epoch that is fenced: the rest are echoes of the dead."""
+        return any(x.robot == robot and x.sync.epoch == fenced.epoch for x in self._instances)
+
+    def _scan(self, instance: Instance, frame: int) -> None:
+        """What an instance sees depends on (seed, robot, frame) alone, so a run without faults sees the same."""
+        rng = np.random.default_rng([self.seed, 3, int(instance.robot[-3:]), frame])
+        first = int(rng.integers(SIZE - 12))
+        cells = first + np.flatnonzero(rng.random(12) < 0.6)
+        heights = 1000 + 37 * cells + rng.integers(-200, 200, len(cells)) + 2000 * (rng.random(len(cells)) < 0.05)
+        instance.sync.offer(instance.mapper.scan(cells, heights.astype(np.int64), frame * FRAME_MS))
+
+    def _step_robot(self, instance: Instance, inbox: list[object], frame: int) -> None:
+        load = self.history.loads.setdefault(instance.robot, Load())
+        sent = 0
+
+        def send(message: object) -> None:
+            nonlocal sent
+            sent += 1
+            if isinstance(message, Batch):
+                load.batch_records = max(load.batch_records, len(message.records))
+            if len(self._overheard) < 400:
+                self._overheard.append((instance.robot, message))
+            self._network.send_up(frame, instance.robot, message)
+
+        before = (instance.sync.copy.manager_epoch, instance.sync.copy.version)
+        result = instance.sync.step(frame * FRAME_MS * 1_000_000, inbox, send)
+        instance.mapper.acknowledge(result.acknowledged)
+        instance.mapper.adopt(result.adopted, result.first_life)
+        load.waiting = max(load.waiting, instance.sync.waiting_cells)
+        load.flights = max(load.flights, int(instance.sync.telemetry()["batches_in_flight"]))
+        load.messages_per_step = max(load.messages_per_step, sent)
+        copy = instance.sync.copy
+        if (copy.manager_epoch, copy.version) != before or any(isinstance(message, Delta) for message in inbox):
+            name = f"{instance.robot}/{instance.number}"
+            sighting = Sighting(name, copy.manager_epoch, copy.version, copy.cells.copy(), len(self.history.commits))
+            self.history.sightings.append(sighting)
+
+    def _frame(self, frame: int, scanning: bool) -> None:
+        self._step_manager(frame)
+        inboxes = {robot: self._network.arrived_down(frame, robot) for robot in self._robots}
+        for instance in self._instances:
+            if scanning and frame % 2 == 0:
+                self._scan(instance, frame)
+            if not scanning:
+                instance.sync.offer(instance.mapper.unacknowledged())
+            self._step_robot(instance, inboxes[instance.robot], frame)
+
+    # --- the whole run -----------------------------------------------------------------------------------------------
+
+    def run(self) -> History:
+        for frame in range(STORM_FRAMES):
+            self._break_something(frame)
+            self._frame(frame, scanning=True)
+        self._heal()
+        healed = STORM_FRAMES
+        for frame in range(STORM_FRAMES, STORM_FRAMES + QUIET_WITHIN_FRAMES):
+            self._frame(frame, scanning=False)
+            if self._network.late(frame):
+                healed = frame
+            elif self._is_quiet():
+                self.history.quiet = True
+                self.history.heal_to_quiet_ms = (frame - healed) * FRAME_MS
+                break
+        return self._conclude()
+
+    def _writers(self) -> list[Instance]:
+        return [instance for instance in self._instances if not instance.sync.fenced]
+
+    def _is_quiet(self) -> bool:
+        if self._manager is None:
+            return False
+        writers = self._writers()
+        flushed = all(x.sync.flushed and not len(x.mapper.unacknowledged()) for x in writers)
+        current = all(x.sync.copy.version == self._manager.version for x in self._instances)
+        return flushed and current and len(writers) == len(self._robots)
+
+    def _conclude(self) -> History:
+        history = self.history
+        if self._manager is None:
+            self._recover_manager()
+        assert self._manager is not None
+        history.manager_hash, history.glrm = self._manager.hash(), self._manager.glrm.copy()
+        history.registers = self._manager.registers()
+        history.copy_hashes = {f"{x.robot}/{x.number}": x.sync.copy.hash() for x in self._instances}
+        for instance in self._writers():
+            evidence = instance.mapper.evidence
+            history.own[int(instance.robot[-3:])] = evidence[evidence["confidence"] > 0]
+        return history
+
+
+def storm_of(seed: int) -> Faults:
+    """Every third seed keeps the robots' memory, so that invariant 11 is judged; every seventh has a twin."""
+    if seed % 3 == 0:
+        return Faults(robot_restarts=False)
+    return Faults(twins=seed % 7 == 0)
+
+
+def run_storm(
+    seed: int, robot_class: type[RobotSync] = RobotSync, manager_class: type[ManagerSync] = ManagerSync,
+    compare: bool = True,
+) -> History:  # fmt: skip
+    """The history of a seed's storm, with the fault-free map to compare where that is promised (if `compare`)."""
+    faults = storm_of(seed)
+    with _small_pieces():
+        history = Storm(seed, faults, robot_class, manager_class).run()
+        if compare and not (faults.robot_restarts or faults.twins):
+            history.fault_free_hash = Storm(seed, NONE).run().manager_hash
+    return history
+
+
+@contextmanager
+def _small_pieces() -> Iterator[None]:
+    """Limits cut down to this small map, so that answers come in parts and batches wait for room."""
+    limits = {
+        downlink: {"PART_CELLS": 24, "ANSWERS_PER_STEP": 3, "PARTS_PER_ROBOT": 2},
+        outbox: {"BATCH_CELLS": 12, "LARGEST_CHANGE_SHARE": 3},
+    }
+    with ExitStack() as stack:
+        for module, values in limits.items():
+            stack.enter_context(mock.patch.multiple(module, **values))
+        yield
