@@ -52,7 +52,8 @@ class Guard:
 
     def _follow_parent(self) -> None:
         """The runner holds our standard input open: its end is the runner's death."""
-        sys.stdin.buffer.read()
+        while os.read(0, 1):  # unbuffered: a daemon thread must not hold a stream's lock at interpreter shutdown
+            continue
         self.stop.set()
         time.sleep(5)
         os._exit(EXIT_BROKEN)
