@@ -14,9 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph.scene import Mesh, Scene
+from orograph.scene.mesh import joined
 
 F64 = npt.NDArray[np.float64]
 
+KEEL_DEPTH_M = 50.0
 PLY_FACE = np.dtype([("corners", "u1"), ("vertices", "<i4", (3,))])
 URDF = """<robot name="ground"><link name="ground"><collision><geometry><mesh filename="file://{path}"/>
 </geometry></collision></link></robot>"""
@@ -24,6 +26,7 @@ URDF = """<robot name="ground"><link name="ground"><collision><geometry><mesh fi
 
 def ground_skeleton(mesh: Mesh) -> dart.dynamics.Skeleton:
     """An immobile skeleton with one Bullet triangle mesh: ground and buildings, in the map frame."""
+    mesh = joined([mesh, _keel(mesh)])
     with tempfile.TemporaryDirectory(prefix="orograph-") as folder:
         path = Path(folder) / "ground.ply"
         path.write_bytes(_binary_ply(mesh))
@@ -31,6 +34,17 @@ def ground_skeleton(mesh: Mesh) -> dart.dynamics.Skeleton:
     assert skeleton is not None, "DART could not load the ground"
     skeleton.setMobile(False)
     return skeleton
+
+
+def _keel(mesh: Mesh) -> Mesh:
+    """A tetrahedron far below the ground: it keeps DART from taking a plane or a bowl for a convex body.
+
+    A convex mesh becomes the hull of all its vertices, 50 times slower and filled where the ground is hollow.
+    """
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    tip = np.array([*(0.5 * (low + high))[:2], low[2] - KEEL_DEPTH_M])
+    corners = tip + np.array([[1.0, 0.0, 0.0], [-0.5, 0.9, 0.0], [-0.5, -0.9, 0.0], [0.0, 0.0, -1.0]])
+    return Mesh(corners, np.array([[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]], np.int32))
 
 
 def _binary_ply(mesh: Mesh) -> bytes:

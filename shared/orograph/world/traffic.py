@@ -26,7 +26,10 @@ SIDE_GAP_M = 0.6
 """Room beside the vehicle that still counts as its lane."""
 PATIENCE_S = 5.0
 """Having stood so long, it no longer heeds vehicles of higher index: no two wait for each other for ever."""
+STANDING_MPS = 0.05
 TABLE_STEP_M = 0.5
+DISCS = (-0.35, 0.0, 0.35)
+"""Where the discs that stand for a vehicle sit, as shares of its length."""
 
 
 class Lane:
@@ -46,16 +49,16 @@ class Lane:
         """(x, y, z of the ground, yaw) now."""
         return self._scene.vehicle_pose(self._index, self.distance_m)
 
-    def gap_m(self, centres_m: F64, radii_m: F64) -> float:
-        """Free lane before the nose, given discs (n, 2), (n,) to keep clear of; infinite where nothing stands in it."""
-        if len(centres_m) == 0:
+    def gap_m(self, discs_m: F64) -> float:
+        """Free lane before the nose, given discs (n, 3) x, y, radius to keep clear of; infinite where none is in it."""
+        if len(discs_m) == 0:
             return math.inf
         nose_m = 0.5 * self.vehicle.size_m[0]
         reach_m = nose_m + max(LOOK_AHEAD_M, STOP_GAP_M + self.vehicle.speed_mps**2 / (2 * BRAKING_MPS2))
         ahead_m = np.arange(nose_m, min(reach_m, self._length_m - nose_m), self._step_m)
         rows = np.rint((self.distance_m + ahead_m) / self._step_m).astype(np.int64) % len(self._table_m)
-        away_m = np.linalg.norm(self._table_m[rows][:, None, :] - centres_m[None, :, :], axis=2)
-        blocked = (away_m < radii_m + (0.5 * self.vehicle.size_m[1] + SIDE_GAP_M)).any(axis=1)
+        away_m = np.linalg.norm(self._table_m[rows][:, None, :] - discs_m[None, :, :2], axis=2)
+        blocked = (away_m < discs_m[:, 2] + (0.5 * self.vehicle.size_m[1] + SIDE_GAP_M)).any(axis=1)
         return float(ahead_m[np.argmax(blocked)] - nose_m) if blocked.any() else math.inf
 
     def drive(self, gap_m: float, duration_s: float) -> None:
@@ -65,7 +68,7 @@ class Lane:
         braked, sped_up = self.speed_mps - 2 * BRAKING_MPS2 * duration_s, self.speed_mps + SPEEDING_MPS2 * duration_s
         before, self.speed_mps = self.speed_mps, max(0.0, braked, min(target, sped_up))
         self.distance_m += 0.5 * (before + self.speed_mps) * duration_s
-        self.waited_s = self.waited_s + duration_s if self.speed_mps < 0.05 else 0.0
+        self.waited_s += duration_s if self.speed_mps < STANDING_MPS else 0.0
 
 
 class Traffic:
@@ -85,12 +88,17 @@ class Traffic:
         self, mine: int, poses: Sequence[tuple[float, float, float, float]], robots_m: F64, robot_radius_m: float
     ) -> float:
         lane = self.lanes[mine]
-        last_heeded = mine if lane.waited_s > PATIENCE_S else len(self.lanes)
-        centres, radii = list(robots_m), [robot_radius_m] * len(robots_m)
-        for other, (x, y, _, yaw) in zip(self.lanes[:last_heeded], poses[:last_heeded], strict=True):
-            if other is not lane:
-                length, width, _ = other.vehicle.size_m
-                for along in (-0.35 * length, 0.0, 0.35 * length):
-                    centres.append(np.array([x + along * math.cos(yaw), y + along * math.sin(yaw)]))
-                    radii.append(0.5 * width)
-        return lane.gap_m(np.array(centres).reshape(-1, 2), np.array(radii))
+        discs = [self._discs(i, poses[i]) for i in range(len(poses)) if i != mine]
+        robots = np.column_stack([robots_m, np.full(len(robots_m), robot_radius_m)])
+        gap_m = lane.gap_m(np.concatenate([robots, *discs]))
+        if math.isinf(gap_m):
+            lane.waited_s = 0.0
+        elif lane.waited_s > PATIENCE_S:
+            gap_m = lane.gap_m(np.concatenate([robots, *discs[:mine]]))
+        return gap_m
+
+    def _discs(self, index: int, pose: tuple[float, float, float, float]) -> F64:
+        """A vehicle as three discs (3, 3): x, y, radius."""
+        length, width, _ = self.lanes[index].vehicle.size_m
+        x, y, _, yaw = pose
+        return np.array([(x + k * length * math.cos(yaw), y + k * length * math.sin(yaw), 0.5 * width) for k in DISCS])
