@@ -48,9 +48,6 @@ def _prism(corners: F64, floor_m: float, top_m: float) -> tuple[F64, I32]:
     count = len(corners)
     vertices = np.concatenate([np.c_[corners, np.full(count, z)] for z in (floor_m, top_m)])
     cap = mapbox_earcut.triangulate_float64(corners, np.array([count], np.uint32)).reshape(-1, 3).astype(np.int32)
-    a, b, c = (corners[cap[:, i]] for i in range(3))
-    turn = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    cap = np.where(turn[:, None] < 0, cap[:, ::-1], cap)
     return vertices, np.concatenate([_walls(count, count), cap + count, cap[:, ::-1]])
 
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from orograph.scenario import Building, Scenario, TerrainSpec
 from orograph.scene import build_scene
 from orograph.scene.buildings import SUNK_M, building_mesh, is_rectangle
+from orograph.scene.mesh import joined
 
 FLAT = TerrainSpec(height_m=1.0)
 RECTANGLE = ((0.0, 0.0), (20.0, 0.0), (20.0, 8.0), (0.0, 8.0))
@@ -53,10 +54,12 @@ def test_ridged_roofs_have_their_closed_volumes(angle_rad, first, clockwise):
     for mesh in (gable, hip):
         assert_closed(mesh)
         assert mesh.vertices[:, 2].max() == 8.0
+    for mesh, ridge_m in ((gable, 20.0), (hip, 20.0 - 8.0)):
+        ends = mesh.vertices[mesh.vertices[:, 2] == 8.0]
+        assert np.linalg.norm(ends[0] - ends[1]) == pytest.approx(ridge_m), "along the longer side"
     # 1e-4: the formula sums tetrahedra of 300 m from the origin.
     assert volume(gable) == pytest.approx(below + 160.0 * 3.0 / 2, rel=1e-4)
-    ridge_m = 20.0 - 8.0
-    assert volume(hip) == pytest.approx(below + 3.0 * 8.0 * (2 * 20.0 + ridge_m) / 6, rel=1e-4)
+    assert volume(hip) == pytest.approx(below + 3.0 * 8.0 * (2 * 20.0 + 12.0) / 6, rel=1e-4)
 
 
 def test_square_hip_has_no_degenerate_face():
@@ -98,12 +101,30 @@ def test_rectangles_are_told_from_other_shapes(corners, expected):
     assert is_rectangle(np.array(corners)) is expected
 
 
+def scenario_with(*buildings: Building) -> Scenario:
+    return Scenario.model_validate(
+        {"name": "town", "title": "town", "robots": 1, "starts": [{"x_m": 50, "y_m": 50}], "base_station_m": [50, 50],
+         "patrol": [[50, 50]], "buildings": buildings}
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("rectangle_m", "touched"),
+    [((5, 2, 6, 3), [0]), ((-9, -9, 90, 90), [0, 1]), ((20, 8, 25, 30), [0]), ((21, 0, 90, 8), []),
+     ((0, 40, 9, 90), [1]),
+     ((0, 9, 90, 39), []), ((60, 40, 70, 50), []), ((0, 52.1, 90, 60), []), ((5, 30, 6, 60), [1])],
+)  # fmt: skip
+def test_a_rectangle_finds_the_buildings_that_touch_it(rectangle_m, touched):
+    north = Building(footprint=tuple((x, y + 40) for x, y in L_SHAPE), height_m=5.0)
+    scene = build_scene(scenario_with(Building(footprint=RECTANGLE, height_m=6.0), north))
+    _, found = scene.meshes_in(rectangle_m)
+    expected = joined([scene.building_meshes[i] for i in touched])
+    np.testing.assert_array_equal(found.vertices, expected.vertices)
+    np.testing.assert_array_equal(found.faces, expected.faces)
+
+
 def test_bad_footprint_is_named():
     bow_tie = Building(footprint=((0, 0), (10, 10), (10, 0), (0, 10)), height_m=5.0)
     good = Building(footprint=RECTANGLE, height_m=5.0)
-    scenario = Scenario.model_validate(
-        {"name": "bad", "title": "bad", "robots": 1, "starts": [{"x_m": 50, "y_m": 50}], "base_station_m": [50, 50],
-         "patrol": [[50, 50]], "buildings": [good, bow_tie]}
-    )  # fmt: skip
     with pytest.raises(ValueError, match=r"buildings\[1\]: footprint is not a simple polygon"):
-        build_scene(scenario)
+        build_scene(scenario_with(good, bow_tie))

@@ -30,10 +30,10 @@ def test_sloping_ground_by_hand():
 
 
 def test_cells_covered_enough_hold_a_building_of_the_priors_height():
-    # 5 m x 2.0 m of cell (0, 0): exactly 40 %; 1.9 m of cell (0, 2): 38 %; all of (2, 3) and (2, 4).
+    # 5 m x 2.0 m of cell (0, 0): exactly 40 %; 1.99 m of cell (0, 2): 39.8 %; all of (2, 3) and (2, 4).
     buildings = [
         {"footprint": [[0, 0], [2.0, 0], [2.0, 5], [0, 5]], "height_m": 3.0},
-        {"footprint": [[10, 0], [11.9, 0], [11.9, 5], [10, 5]], "height_m": 30.0},
+        {"footprint": [[10, 0], [11.99, 0], [11.99, 5], [10, 5]], "height_m": 30.0},
         {"footprint": [[15, 10], [25, 10], [25, 15], [15, 15]], "height_m": 4.0},
     ]
     prior = {"building_height_m": 8.0, "confidence": 20}

@@ -14,6 +14,9 @@ from orograph.scene.vehicles import CORNER_RADIUS_M, rounded_loop
 SQUARE = ((0.0, 0.0), (100.0, 0.0), (100.0, 60.0), (0.0, 60.0))
 
 
+LANE = ((0.0, 0.0), (100.0, 0.0), (100.0, 4.0), (0.0, 4.0))
+
+
 def wrapped(angle_rad: float) -> float:
     return (angle_rad + math.pi) % (2 * math.pi) - math.pi
 
@@ -42,7 +45,7 @@ def test_short_edges_take_smaller_arcs():
     assert loop.length_m == pytest.approx(2 * math.pi * 2.0, rel=1e-3), "a circle of half the edge"
 
 
-@pytest.mark.parametrize("corners", [SQUARE, SQUARE[::-1], ((0.0, 0.0), (80.0, 5.0), (30.0, 50.0), (35.0, 20.0))])
+@pytest.mark.parametrize("corners", [SQUARE, SQUARE[::-1], LANE, ((0.0, 0.0), (80.0, 5.0), (30.0, 50.0), (35.0, 20.0))])
 @settings(deadline=None)
 @given(start=st.floats(-500, 2000))
 def test_moves_smoothly_with_its_nose_ahead(corners, start):
