@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,10 +12,9 @@ import numpy.typing as npt
 from orograph.keys import robot_number
 from orograph.messages import RobotStatus
 from orograph.mission.distances import DrivingDistances
-from orograph.mission.split import longest_m, split_patrol
+from orograph.mission.legs import Legs, PointM
 
 Note = Callable[[str, Mapping[str, Any]], None]
-PointM = tuple[float, float]
 
 SECOND_NS = 1_000_000_000
 HEARD_NS = 3 * SECOND_NS
@@ -64,8 +63,7 @@ class Patrol:
         self.robots = {name: Robot(name, start, now_ns) for name, start in zip(robots, starts_m, strict=True)}
         self.visited_ns = np.full(len(waypoints_m), -1, np.int64)
         self.visited_by = np.zeros(len(waypoints_m), np.uint16)
-        self._waypoints_m, self._roads = list(waypoints_m), roads
-        self._between_m = roads.between(self._waypoints_m, self._waypoints_m)
+        self._legs = Legs(waypoints_m, roads)
         self._balanced_ns = now_ns
 
     # --- what is known ---------------------------------------------------------------------------------------------
@@ -164,75 +162,35 @@ class Patrol:
         return [w for w in self.open() if w not in taken]
 
     def _place(self, loose: list[int], listeners: list[Robot], number: int, note: Note) -> None:
-        """Split anew with everybody who listens, or slip each where the detour is shortest."""
+        """Split anew with everybody who listens, or slip each in where the detour is shortest."""
         placeable = [w for w in loose if any(w not in r.given_up for r in listeners)]
         if len(placeable) >= SPLIT_ANEW_FROM:
             together = sorted({*placeable, *(w for r in listeners for w in r.order)})
-            orders, _ = self._split(listeners, together)
+            orders = self._legs.split([r.at_m for r in listeners], [r.given_up for r in listeners], together)
             for robot, order in zip(listeners, orders, strict=True):
                 self._give(robot, order, number, note)
-        else:
-            for waypoint in placeable:
-                self._slip_in(waypoint, listeners, number, note)
-
-    def _slip_in(self, waypoint: int, listeners: list[Robot], number: int, note: Note) -> None:
-        _, _, robot, place = min(
-            (detour_m, i, robot, place)
-            for i, robot in enumerate(listeners)
-            if waypoint not in robot.given_up
-            for detour_m, place in [self._shortest_detour(robot, waypoint)]
-        )
-        self._give(robot, [*robot.order[:place], waypoint, *robot.order[place:]], number, note)
-
-    def _shortest_detour(self, robot: Robot, waypoint: int) -> tuple[float, int]:
-        """Detour [m] and place in the order at which this waypoint costs the robot least."""
-        stops = [*robot.order, waypoint]
-        from_m = self._roads.between([robot.at_m], [self._waypoints_m[w] for w in stops])[0]
-        leg_m = self._between_m
-        detours = []
-        for place in range(len(robot.order) + 1):
-            to_m = from_m[-1] if place == 0 else leg_m[robot.order[place - 1], waypoint]
-            on_m = leg_m[waypoint, robot.order[place]] if place < len(robot.order) else 0.0
-            saved_m = 0.0
-            if place < len(robot.order):
-                saved_m = from_m[0] if place == 0 else leg_m[robot.order[place - 1], robot.order[place]]
-            detours.append((float(to_m + on_m - saved_m), place))
-        return min(detours)
+            return
+        for waypoint in placeable:
+            willing = [r for r in listeners if waypoint not in r.given_up]
+            detours = [self._legs.detour(r.at_m, r.order, waypoint) for r in willing]
+            best = min(range(len(willing)), key=lambda i: detours[i][0])
+            self._give(willing[best], detours[best][1], number, note)
 
     def _balance(self, listeners: list[Robot], number: int, note: Note) -> None:
-        """Let robots without work take legs of the one with the longest way to go."""
+        """Let a robot without work take the end of the longest order."""
         idle = [r for r in listeners if not r.order and r.settled()]
         donors = [r for r in listeners if len(r.order) >= DONOR_WAYPOINTS]
         if not idle or not donors:
             return
-        remaining_m = [self._remaining_m(r) for r in donors]
-        donor = donors[int(np.argmax(remaining_m))]
-        sharers = [donor, *idle]
-        orders, longest = self._split(sharers, sorted(donor.order))
-        if longest <= max(remaining_m) - GAIN_MIN_M:
-            moved = [w for w in donor.order if w not in orders[0]]
-            note("hand-over", {"robot": donor.name, "waypoints": moved})
-            for robot, order in zip(sharers, orders, strict=True):
-                self._give(robot, order, number, note)
-
-    def _remaining_m(self, robot: Robot) -> float:
-        return longest_m(1, self._distances_m([robot], robot.order), [list(range(len(robot.order)))])
-
-    def _distances_m(self, robots: Iterable[Robot], waypoints: Sequence[int]) -> npt.NDArray[np.float64]:
-        places_m = [self._waypoints_m[w] for w in waypoints]
-        starts_m = [r.at_m for r in robots]
-        out = np.zeros((len(starts_m) + len(places_m),) * 2)
-        out[: len(starts_m), len(starts_m) :] = self._roads.between(starts_m, places_m)
-        out[len(starts_m) :, : len(starts_m)] = out[: len(starts_m), len(starts_m) :].T
-        out[len(starts_m) :, len(starts_m) :] = self._between_m[np.ix_(waypoints, waypoints)]
-        return out
-
-    def _split(self, robots: list[Robot], waypoints: list[int]) -> tuple[list[list[int]], float]:
-        """Orders for these robots from where they stand, and the longest tour [m]."""
-        distance_m = self._distances_m(robots, waypoints)
-        barred: list[Collection[int]] = [{i for i, w in enumerate(waypoints) if w in r.given_up} for r in robots]
-        tours = split_patrol(len(robots), distance_m, barred)
-        return [[waypoints[i] for i in tour] for tour in tours], longest_m(len(robots), distance_m, tours)
+        lengths_m = [self._legs.length_m(r.at_m, r.order) for r in donors]
+        donor = donors[int(np.argmax(lengths_m))]
+        shares = [self._legs.share_end(donor.at_m, donor.order, r.at_m, r.given_up) for r in idle]
+        best = min(range(len(idle)), key=lambda i: shares[i][0])
+        longest_m, kept, taken = shares[best]
+        if longest_m <= max(lengths_m) - GAIN_MIN_M:
+            note("hand-over", {"robot": donor.name, "waypoints": taken})
+            self._give(donor, kept, number, note)
+            self._give(idle[best], taken, number, note)
 
     def _give(self, robot: Robot, order: list[int], number: int, note: Note) -> None:
         if order == robot.order and robot.number > 0:
