@@ -24,6 +24,10 @@ def _config(settings: dict[str, Any]) -> zenoh.Config:
         "scouting/gossip/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
         "transport/shared_memory/enabled": False,
+        # A droppable message may wait this long for room: with zenoh's 1 ms and two batches a starved machine drops
+        # messages of a healthy link; more would let one stuck receiver hold up the others.
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 100_000,
+        "transport/link/tx/queue/size/data": 16,
         "connect/retry": {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2},
     }
     for key, value in {**common, **settings}.items():
