@@ -96,6 +96,7 @@ def parse_alive_key(key: str) -> tuple[str, str, tuple[str, ...]]:
 
 
 ALIVE_ALL = f"{ROOT}/alive/**"
+"""All liveliness tokens: world and orchestrator listen (sim plane)."""
 CLAIM = f"{ROOT}/claim"
 """Query on the sim plane: a replica asks the orchestrator for robots."""
 TICK = f"{ROOT}/tick"

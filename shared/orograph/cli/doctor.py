@@ -18,12 +18,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 MODULES = {
-    "": ("jinja2", "matplotlib", "msgpack", "numba", "numpy", "prometheus_client", "psutil", "pydantic", "rich",
-         "scipy", "yaml", "zenoh"),
+    "": ("jinja2", "mapbox_earcut", "matplotlib", "msgpack", "numba", "numpy", "prometheus_client", "pydantic", "rich",
+         "scipy", "shapely", "yaml", "zenoh"),
     "world": ("dartpy",),
     "laser": ("embreex", "trimesh"),
     "mission": ("ortools.constraint_solver.pywrapcp",),
-    "osm": ("mapbox_earcut", "osmium", "shapely"),
+    "osm": ("osmium",),
 }  # fmt: skip
 """Importable names by the extra that brings them ('' is what every installation has)."""
 PORTS_NEEDED = 2

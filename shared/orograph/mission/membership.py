@@ -25,7 +25,7 @@ class Membership:
         self._former: dict[tuple[str, str], str] = {}
 
     def claim(self, service: str, instance: str, capacity: int, wanted: tuple[str, ...] = ()) -> Grant:
-        """Up to `capacity` free robots, of those `wanted` if any are named; the same again when one instance asks again."""
+        """Up to `capacity` free robots, of those `wanted` if any are named; asked again, one instance gets the same."""
         refusal = self._refusal(service, capacity, wanted)
         if refusal:
             return Grant((), refusal)

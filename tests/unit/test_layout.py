@@ -1,0 +1,108 @@
+"""The house rules that a program can hold: lengths, what only the edge may touch, and documented messages and keys."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from orograph import keys, messages
+
+ROOT = Path(__file__).parents[2]
+FILES = [
+    *sorted((ROOT / "shared").rglob("*.py")), *sorted((ROOT / "services").rglob("*.py")),
+    *sorted((ROOT / "tests").rglob("*.py")),
+]  # fmt: skip
+FILE_LINES, FUNCTION_LINES, SERVICE_LINES = 400, 70, 150
+FORBIDDEN_NAMES = {"utils", "helpers", "common", "base", "info", "util", "misc"}
+
+
+def name_of(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def functions(tree: ast.AST) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node
+
+
+def is_kernel(function: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
+    return any("njit" in ast.unparse(decorator) for decorator in function.decorator_list)
+
+
+def test_there_is_something_to_look_at() -> None:
+    assert len(FILES) > 20
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_file_is_short_and_well_named(path: Path) -> None:
+    lines = path.read_text().count("\n")
+    limit = SERVICE_LINES if path.is_relative_to(ROOT / "services") else FILE_LINES
+    assert lines <= limit, f"{name_of(path)}: {lines} lines, at most {limit}"
+    assert path.stem not in FORBIDDEN_NAMES
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_functions_are_short(path: Path) -> None:
+    for function in functions(ast.parse(path.read_text())):
+        lines = (function.end_lineno or 0) - function.lineno + 1
+        where = f"{name_of(path)}:{function.lineno} {function.name}"
+        assert lines <= FUNCTION_LINES or is_kernel(function), f"{where}: {lines} lines, at most {FUNCTION_LINES}"
+        if path.is_relative_to(ROOT / "shared"):
+            assert not function.name.startswith(("get_", "handle_")), where
+
+
+def test_only_the_edge_reads_the_environment() -> None:
+    for path in FILES:
+        if path.is_relative_to(ROOT / "tests") or path.is_relative_to(ROOT / "shared/orograph/edge"):
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            where = f"{name_of(path)}:{getattr(node, 'lineno', 0)}"
+            if isinstance(node, ast.Attribute):
+                assert node.attr not in {"environ", "getenv"}, where
+            if isinstance(node, ast.ImportFrom) and node.module == "os":
+                assert not {alias.name for alias in node.names} & {"environ", "getenv"}, where
+
+
+def test_services_do_no_arithmetic() -> None:
+    arithmetic = (ast.Sub, ast.Mult, ast.FloorDiv, ast.Pow, ast.MatMult)  # `/` also joins paths
+    for path in sorted((ROOT / "services").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.BinOp):
+                assert not isinstance(node.op, arithmetic), f"{name_of(path)}:{node.lineno} {ast.unparse(node)}"
+
+
+@pytest.mark.parametrize("kind", messages.KINDS)
+def test_each_message_says_who_sends_it_and_bounds_each_field(kind: str) -> None:
+    message = messages.KINDS[kind]
+    doc = inspect.getdoc(message) or ""
+    assert "->" in doc and doc.split("->")[0].strip(), f"{kind}: the docstring says 'sender -> receiver: what'"
+    for field in dataclasses.fields(message):
+        declared = field.metadata
+        assert declared.get("kind") in {"int", "float", "str", "bool", "bytes", "array"}, (kind, field.name)
+        if declared["kind"] in {"int", "float"}:
+            assert declared["low"] < declared["high"], (kind, field.name)
+        elif declared["kind"] != "bool":
+            assert declared["high"] >= 1, (kind, field.name)
+
+
+def test_every_message_class_is_listed() -> None:
+    union = set(messages.Message.__args__)
+    assert set(messages.KINDS.values()) == union
+    assert {name: cls.__name__ for name, cls in messages.KINDS.items()} == {name: name for name in messages.KINDS}
+
+
+def test_every_key_has_its_words() -> None:
+    tree = ast.parse(inspect.getsource(keys))
+    for i, node in enumerate(tree.body):
+        if isinstance(node, ast.FunctionDef):
+            assert ast.get_docstring(node), node.name
+        is_key = isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("f'{ROOT}/")
+        if is_key and isinstance(node, ast.Assign):
+            after = tree.body[i + 1]
+            said = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
+            assert said, f"{ast.unparse(node.targets[0])}: a string below it says who uses the key"
