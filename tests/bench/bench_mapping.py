@@ -92,7 +92,7 @@ def map_all(images: list[tuple[npt.NDArray[np.uint16], F64, F64]]) -> dict[str, 
         records = mapper.step(points, distances_m, eye_m[:2], frame * FRAME_NS)
         whole_ms.append((time.perf_counter() - begin) * 1e3)
         mapper.acknowledge(records)
-        planning_ms.append(_duration_ms(lambda: mapper.planning_occupation(prior)))
+        planning_ms.append(_duration_ms(lambda: mapper.planning_occupation(prior, prior)))
     stages = {f"{name} ({STAGES[name]})": [d / 1e6 for d in ns] for name, ns in recorder.durations_ns.items()}
     return {**stages, "points to list, whole": whole_ms, "planning map": planning_ms}
 

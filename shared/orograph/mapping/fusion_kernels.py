@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from orograph.messages import OCCUPATION_ONE, UNKNOWN_OCCUPATION
+
 HIGH = 128.0
 """Both at least this confident and still different: the environment has changed (8/16)."""
 CLEAR_DIFFERENCE = 2.0 / 16.0 * 255.0
@@ -92,33 +94,33 @@ def fuse_cells(values: Any, ticks: Any, cells: Any, incoming: Any, incoming_tick
 
 
 @njit(cache=True)
-def occupation_code(occupation: float, one: int, unknown: int) -> int:
-    """Occupation in 1 / `one`, halves up; NaN becomes `unknown`."""
-    return unknown if math.isnan(occupation) else math.floor(occupation * one + 0.5)
+def occupation_code(occupation: float) -> int:
+    """Occupation in 1/254, halves up; NaN becomes 255."""
+    return UNKNOWN_OCCUPATION if math.isnan(occupation) else math.floor(occupation * OCCUPATION_ONE + 0.5)
 
 
 @njit(cache=True)
 def planning_codes(
-    values: Any, prior: Any, prior_cols: int, window: Any, factor: int, rules: Any, one: int, unknown: int, codes: Any
+    values: Any, prior: Any, told: Any, glrm_shape: Any, window: Any, factor: int, rules: Any, codes: Any
 ) -> None:
-    """Occupation codes (rows, cols) of fine `values` (rows * cols, 5) fused over the coarse `prior` under them.
+    """Occupation codes (rows, cols) of fine `values` (rows * cols, 5) over coarse `prior`; of `told` where unknown.
 
-    `window` is the (row, col) of the fine map's first block in the prior (n, 5), which has `prior_cols` columns.
+    `window` is the (row, col) of the fine map's first block in the coarse maps (cells, 5) of `glrm_shape`.
     """
     rows, cols = codes.shape
-    prior_rows = prior.shape[0] // prior_cols
     nothing = np.array([np.nan, np.nan, np.nan, np.nan, 0.0], np.float32)
-    for block_row in range(rows // factor):
-        for block_col in range(cols // factor):
-            row, col = window[0] + block_row, window[1] + block_col
-            inside = 0 <= row < prior_rows and 0 <= col < prior_cols
-            under = prior[row * prior_cols + col] if inside else nothing
-            under_code = occupation_code(under[3], one, unknown)
-            for r in range(block_row * factor, (block_row + 1) * factor):
-                for c in range(block_col * factor, (block_col + 1) * factor):
-                    own = values[r * cols + c]
-                    if own[4] <= 0.0:
-                        codes[r, c] = under_code
-                        continue
-                    fused = fuse_pair(under, np.float64(under[4]), own, np.float64(own[4]), rules)
-                    codes[r, c] = occupation_code(float(np.float32(fused[3])), one, unknown)
+    for block in range((rows // factor) * (cols // factor)):
+        block_row = block // (cols // factor)
+        block_col = block - block_row * (cols // factor)
+        row, col = window[0] + block_row, window[1] + block_col
+        inside = 0 <= row < glrm_shape[0] and 0 <= col < glrm_shape[1]
+        under = prior[row * glrm_shape[1] + col] if inside else nothing
+        told_code = occupation_code(told[row * glrm_shape[1] + col, 3]) if inside else UNKNOWN_OCCUPATION
+        for r in range(block_row * factor, (block_row + 1) * factor):
+            for c in range(block_col * factor, (block_col + 1) * factor):
+                own = values[r * cols + c]
+                if own[4] <= 0.0:
+                    codes[r, c] = told_code
+                    continue
+                fused = fuse_pair(under, np.float64(under[4]), own, np.float64(own[4]), rules)
+                codes[r, c] = occupation_code(float(np.float32(fused[3])))

@@ -18,7 +18,7 @@ from orograph.mapping.reconstruction import DROP_REASONS, Reconstructor
 from orograph.mapping.rescaling import expand, rescale
 from orograph.mapping.rules import SLOPE_MAX, FusionRules
 from orograph.mapping.updates import Held
-from orograph.messages import OCCUPATION_ONE, RECORD, UNKNOWN_OCCUPATION, Packed
+from orograph.messages import RECORD, Packed
 from orograph.registers import pack, unpack
 from orograph.stages import Stage, untimed
 
@@ -114,13 +114,20 @@ class RobotMapper:
         under = expand(self._cut(prior), self._evidence.factor)
         return fuse(under, self.evidence, self._rules, self._slope_max)
 
-    def planning_occupation(self, prior: Values) -> npt.NDArray[np.uint8]:
-        """Occupation of `hrm` (rows, cols) in 1/254, 255 unknown; `prior` as values (cells, 5) of its whole GLRM."""
+    def planning_occupation(self, prior: Values, told: Values) -> npt.NDArray[np.uint8]:
+        """Occupation (rows, cols) in 1/254, 255 unknown: of `hrm` over `prior`; of `told` where there is no evidence.
+
+        Both are values (cells, 5) of whole GLRMs. `told` may hold this robot's own evidence: it is never fused with it.
+        """
         codes = np.empty(self._evidence.grid.shape, np.uint8)
         glrm, window, factor = self._evidence.glrm, self._evidence.window, self._evidence.factor
-        one, unknown = OCCUPATION_ONE, UNKNOWN_OCCUPATION
-        planning_codes(self._evidence.values, prior, glrm.cols, window, factor, self._fine_rules, one, unknown, codes)
+        planning_codes(self._evidence.values, prior, told, glrm.shape, window, factor, self._fine_rules, codes)
         return codes
+
+    @property
+    def acknowledged(self) -> Packed:
+        """The registers (RECORD, ascending cells) that the Map Manager holds."""
+        return self._acknowledged.registers()
 
     @property
     def hrm_grid(self) -> Grid:

@@ -2,7 +2,7 @@
 
 A touched cell gets a *slot*, numbered in the order of first touch, so that every later pass works on as few bytes as
 the scan has cells. Sums are float64, taken around the cell's centre and mean height to lose no digits far out. `w` is
-the workspace of `reconstruction.py`; its arrays are named first, for numba counts references at each mention of a field.
+the workspace of `reconstruction.py`; its arrays are named first, for numba counts references at each mention of one.
 """
 
 from __future__ import annotations

@@ -20,6 +20,10 @@ class Held:
         """These registers (RECORD) are held now."""
         self._records[records["cell"]] = records
 
+    def registers(self) -> Packed:
+        """What is held, ascending cells."""
+        return np.compress(self._records["confidence"] > 0, self._records)
+
     def moved(self, records: Packed) -> Packed:
         """Those of first sight, or moved from what is held: height > 0.1 m, occupation > 0.1, confidence > 16."""
         return np.compress(moved_enough(records, self._records), records)
