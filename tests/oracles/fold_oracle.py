@@ -1,4 +1,4 @@
-"""The fold once more, straight from mapping.md sections 3 and 5: plain Python, fractions, decimals, no table of ours."""
+"""The fold once more, straight from mapping.md sections 3 and 5: plain Python, fractions, no table of ours."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ SEEDS = 300
 GROUP = 20
 MUTANT_SEEDS = 60
 HEAL_MAX_MS = 15_000
-"""With batches of 12 records, cut down for the storms; with the real 256 it is 10 s (protocol.md)."""
+"""With batches of 20 records, cut down for the storms; with the real 256 it is 10 s (protocol.md)."""
 
 
 def _wrong(seed: int) -> list[str]:

@@ -303,6 +303,6 @@ MANAGERS = (
 )  # fmt: skip
 ROBOTS = (
     DeltaOverAGap, LateDeltaOverwrites, FirstPartIsEnough, IgnoresDigests, ForgetsItsRow, LocalEvidenceOverRow,
-    ForgetsDirtyCells, SentIsAcked, AckClearsWhateverSeq, EchoesTheMap, FencedFightsBack, SameNonceAfterRestart, TakesAnyWelcome,
-    UnboundedFlight,
+    ForgetsDirtyCells, SentIsAcked, AckClearsWhateverSeq, EchoesTheMap, FencedFightsBack, SameNonceAfterRestart,
+    TakesAnyWelcome, UnboundedFlight,
 )  # fmt: skip

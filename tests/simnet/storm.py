@@ -26,7 +26,7 @@ SHAPE = (24, 9)
 """216 cells, two tiles: small enough to be quick, large enough that tiles differ."""
 SIZE = SHAPE[0] * SHAPE[1]
 FRAME_MS = 200
-STORM_FRAMES = 50
+STORM_FRAMES = 60
 QUIET_WITHIN_FRAMES = 400
 RULES = FoldRules()
 
@@ -34,7 +34,7 @@ RULES = FoldRules()
 def make_prior() -> np.ndarray:
     prior = np.zeros(SIZE, RECORD)
     prior["cell"] = np.arange(SIZE)
-    prior["confidence"], prior["height"], prior["occupation"] = 32, 10 * np.arange(SIZE), 20
+    prior["confidence"], prior["height"], prior["occupation"] = 4, 10 * np.arange(SIZE), 20
     return prior
 
 
@@ -153,11 +153,11 @@ class Storm:
                     cut.symmetric_difference_update({robot})
         if faults.robot_restarts and draw[2] < 0.03:
             self._restart_robot(robot)
-        if faults.manager_crashes and draw[3] < 0.04 and self._manager is not None:
-            self._manager, self._manager_down_until = None, frame + int(self._rng.integers(1, 15))
-        if faults.disk and draw[4] < 0.05:
-            self._disk_full_until = frame + int(self._rng.integers(1, 12))
-        if faults.disk and draw[5] < 0.08:
+        if faults.manager_crashes and draw[3] < 0.025 and self._manager is not None:
+            self._manager, self._manager_down_until = None, frame + int(self._rng.integers(1, 10))
+        if faults.disk and draw[4] < 0.025:
+            self._disk_full_until = frame + int(self._rng.integers(1, 9))
+        if faults.disk and draw[5] < 0.05:
             self._store.fail_next = str(self._rng.choice(["lost", "kept"]))
         if faults.twins and frame == STORM_FRAMES // 3:
             self.history.conflicts += 1
@@ -313,7 +313,7 @@ def _small_pieces() -> Iterator[None]:
     """Limits cut down to this small map, so that answers come in parts and batches wait for room."""
     limits = {
         downlink: {"PART_CELLS": 24, "ANSWERS_PER_STEP": 3, "PARTS_PER_ROBOT": 2},
-        outbox: {"BATCH_CELLS": 12, "LARGEST_CHANGE_SHARE": 3},
+        outbox: {"BATCH_CELLS": 20, "LARGEST_CHANGE_SHARE": 5},
     }
     with ExitStack() as stack:
         for module, values in limits.items():
