@@ -68,14 +68,6 @@ def test_only_the_edge_reads_the_environment() -> None:
                 assert not {alias.name for alias in node.names} & {"environ", "getenv"}, where
 
 
-def test_services_do_no_arithmetic() -> None:
-    arithmetic = (ast.Sub, ast.Mult, ast.FloorDiv, ast.Pow, ast.MatMult)  # `/` also joins paths
-    for path in sorted((ROOT / "services").rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.BinOp):
-                assert not isinstance(node.op, arithmetic), f"{name_of(path)}:{node.lineno} {ast.unparse(node)}"
-
-
 @pytest.mark.parametrize("kind", messages.KINDS)
 def test_each_message_says_who_sends_it_and_bounds_each_field(kind: str) -> None:
     message = messages.KINDS[kind]
