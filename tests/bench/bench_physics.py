@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 
 import numpy as np
-
 from orograph.scenario import Building, GridSpec, Scenario, Start, TerrainSpec, Wave
 from orograph.world import World
 from orograph.world.world import STEP_NS

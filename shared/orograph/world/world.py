@@ -27,7 +27,7 @@ STEP_S = STEP_NS / 1e9
 GRAVITY_MPS2 = 9.81
 DROP_M = 0.02
 """A robot starts this much above the exact ground, because the mesh's facets may lie above it."""
-FRICTION_TOLERANCE = 0.001
+FRICTION_TOLERANCE = 0.005
 """Error the friction solver stops at; at 0.01 a robot creeps on a slope (1 mm/s), at 0.04 it drives in curves."""
 CONTACTS_PER_BODY_MAX = 64
 

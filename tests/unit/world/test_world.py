@@ -159,7 +159,7 @@ def test_vehicle_s_body_follows_its_loop(scenario_of: Make) -> None:
         body = world._physics.getSkeleton("vehicle_000").getBodyNode(0).getWorldTransform()
         assert body.translation() == pytest.approx(pose["position_m"], abs=0.02)
         assert body.rotation() == pytest.approx(rotation_from_quaternion(pose["quaternion_wxyz"]), abs=0.02)
-    assert world.vehicle_poses()[0] == pytest.approx([77, 50, 0], abs=6)  # round the corner and down the street
+    assert world.vehicle_poses()[0] == pytest.approx([43.6, 50, 0], abs=0.1)  # round the corner and down the street
 
 
 def test_robots_come_and_go(scenario_of: Make) -> None:
