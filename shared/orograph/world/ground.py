@@ -39,7 +39,7 @@ def ground_skeleton(mesh: Mesh) -> dart.dynamics.Skeleton:
 def _keel(mesh: Mesh) -> Mesh:
     """A tetrahedron far below the ground: it keeps DART from taking a plane or a bowl for a convex body.
 
-    A convex mesh becomes the hull of all its vertices, 50 times slower and filled where the ground is hollow.
+    A convex mesh becomes the hull of all its vertices: 50 times slower, and no ground for who stands in the hollow.
     """
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     tip = np.array([*(0.5 * (low + high))[:2], low[2] - KEEL_DEPTH_M])
