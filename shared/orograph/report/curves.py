@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from orograph.report import palette
 from orograph.report.palette import Picture
@@ -35,18 +36,20 @@ def coverage(
             upper.axvline(flush_s, color=palette.QUIET, lw=0.8, ls=(0, (1, 2)))
             upper.annotate("flush", (flush_s, 2), (-4, 0), textcoords="offset points", ha="right", fontsize=8)
         for i, robot in enumerate(robots):
-            _backlog(lower, robot, i, backlog.get(robot), radio_down.get(robot, ()))
+            _backlog(lower, i, backlog.get(robot), radio_down.get(robot, ()))
         lower.set_xlim(0, max(end_s, 1.0))
         lower.set_ylim(bottom=0)
         lower.set_xlabel("simulation time [s]")
-        lower.set_ylabel("cells waiting")
-        lower.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
+        lower.set_ylabel("cells waiting" if backlog else "no radio")
+        lower.yaxis.set_visible(bool(backlog))
+        names = [Line2D([], [], color=palette.robot_colour(i), lw=2.5, label=r) for i, r in enumerate(robots)]
+        lower.legend(handles=names, loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
 
     return palette.picture(
         (10.0, 5.2),
         "Above: share of the cells observable from the patrol that the global map holds with confidence 64 and more. "
-        "Below: cells each robot holds that the map manager has not acknowledged yet; bands mark the time without "
-        "radio. "
+        "Below: bands mark the time without radio, lines the cells a robot holds that the map manager has not "
+        "acknowledged yet. "
         "A robot in a shadow piles up, then empties within seconds of its return.",
         "Line chart of coverage rising over simulation time, and of each robot's backlog of unsent cells.",
         draw,
@@ -67,12 +70,12 @@ def _coverage(axes: Axes, time_s: F64, share: F64, reached_s: Mapping[int, float
     axes.set_ylabel("coverage [%]")
 
 
-def _backlog(axes: Axes, robot: str, i: int, series: tuple[F64, F64] | None, silent: Silences) -> None:
+def _backlog(axes: Axes, i: int, series: tuple[F64, F64] | None, silent: Silences) -> None:
     colour = palette.robot_colour(i)
     for begin, end in silent:
         axes.axvspan(begin, end, color=colour, alpha=0.13, lw=0)
     if series is not None:
-        axes.step(*series, color=colour, lw=1.3, where="post", label=robot)
+        axes.step(*series, color=colour, lw=1.3, where="post")
 
 
 def error_by_confidence(scores: Mapping[str, tuple[MapScore, MapScore]]) -> Picture:
@@ -167,4 +170,5 @@ TROUBLE = frozenset(
 
 def lane_of(event: Mapping[str, Any]) -> str:
     """The robot an event is about, else the service that noted it."""
-    return str(event.get("robot") or event.get("service") or "run")
+    robot, service = event.get("robot"), event.get("service")
+    return str(robot if isinstance(robot, str) and robot else service or "run")

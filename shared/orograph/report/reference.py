@@ -1,7 +1,8 @@
 """The reference: what the same rules give from noise-free dense scans along the patrol, moving bodies absent.
 
-It depends on the scenario alone: the shortest way over the prior's free cells from the first start through the
-waypoints in the scenario's order, a scan every SPACING_M, no stretch twice. The clock runs at the robot's top speed.
+It depends on the scenario and its number of robots alone, not on the run: each drives its share of the
+patrol, as it is split at the start, by the shortest way over the prior's free cells; a scan every SPACING_M, no stretch
+twice. The clock runs at the robot's top speed.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from orograph.scene import build_scene
 from orograph.scene.prior import given_layers, prior_records
 from orograph.sensing.truth import dense_scans
 
-VERSION = "1"
+VERSION = "2"
 """Grows with any change that moves the reference, so that kept ones are made anew."""
 SPACING_M = 2.0
 DENSITY = 1

@@ -1,4 +1,4 @@
-"""The reference route: the shortest way along the patrol over the prior's free cells, as poses to scan from."""
+"""The reference route: every robot's share of the patrol by the shortest way over the prior's free cells, as poses."""
 
 from __future__ import annotations
 
@@ -8,28 +8,41 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from orograph.grid import Grid
+from orograph.mission.distances import BLOCKED, DrivingDistances
+from orograph.mission.split import split_patrol
+from orograph.mission.tour import VISIT_M
 from orograph.registers import unpack
 from orograph.scenario import Scenario
 from orograph.scene.prior import prior_records
 
 F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
-BLOCKED = 1.0
 NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
 def patrol_poses(scenario: Scenario, spacing_m: float) -> F64:
-    """Poses (n, 3) x [m], y [m], yaw [rad] along the patrol, `spacing_m` apart and no stretch twice."""
-    stops = np.array([(scenario.starts[0].x_m, scenario.starts[0].y_m), *scenario.patrol])
-    return without_repeats(
-        resampled(shortest_way(free_cells(scenario), scenario.grid.grid, stops), spacing_m), spacing_m
-    )
+    """Poses (n, 3) x [m], y [m], yaw [rad] along every robot's share of the patrol, `spacing_m` apart, none twice."""
+    prior, grid = unpack(prior_records(scenario), scenario.grid.grid), scenario.grid.grid
+    free = ~(prior.occupation >= BLOCKED)
+    ways = [shortest_way(free, grid, stops) for stops in shares(scenario, DrivingDistances(prior.occupation, grid))]
+    return without_repeats(np.concatenate([short_of_the_end(resampled(way, spacing_m)) for way in ways]), spacing_m)
 
 
-def free_cells(scenario: Scenario) -> Mask:
-    """GLRM cells (rows, cols) that the prior does not block."""
-    prior = unpack(prior_records(scenario), scenario.grid.grid)
-    return ~(prior.occupation >= BLOCKED)
+def shares(scenario: Scenario, roads: DrivingDistances) -> list[F64]:
+    """Stops (m, 2) [m] of each robot: its start and its waypoints in order, as the patrol is split at the start."""
+    starts = [(start.x_m, start.y_m) for start in scenario.starts[: scenario.robots]]
+    places = [*starts, *scenario.patrol]
+    orders = split_patrol(len(starts), roads.between(places, places))
+    return [
+        np.array([start, *(scenario.patrol[i] for i in order)]) for start, order in zip(starts, orders, strict=True)
+    ]
+
+
+def short_of_the_end(poses: F64) -> F64:
+    """Poses (n, 3) without the last stretch, which a robot that has visited its last waypoint need not drive."""
+    away = np.hypot(*(poses[:, :2] - poses[-1, :2]).T)
+    ending = np.flatnonzero(away > VISIT_M)
+    return poses[: ending[-1] + 1] if ending.size else poses[:1]
 
 
 def shortest_way(free: Mask, grid: Grid, stops_m: F64) -> F64:

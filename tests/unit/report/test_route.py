@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from orograph.grid import Grid
-from orograph.report.route import patrol_poses, resampled, shortest_way, without_repeats
+from orograph.mission.distances import DrivingDistances
+from orograph.report.route import patrol_poses, resampled, shares, short_of_the_end, shortest_way, without_repeats
 from orograph.scenario import Scenario
 
 SIDE = 6
@@ -76,6 +77,20 @@ def test_resampling_keeps_its_distance_and_faces_ahead() -> None:
 def test_no_stretch_is_scanned_twice() -> None:
     there_and_back = resampled(np.array([[0.0, 0.0], [20.0, 0.0], [0.0, 0.0]]), 2.0)
     assert len(without_repeats(there_and_back, 2.0)) == 11
+
+
+def test_the_last_metres_before_the_last_waypoint_are_not_driven() -> None:
+    poses = resampled(np.array([[0.0, 0.0], [21.0, 0.0]]), 1.0)
+    assert short_of_the_end(poses)[-1].tolist() == [15.0, 0.0, 0.0]
+    assert short_of_the_end(poses[:3]).tolist() == [[0.0, 0.0, 0.0]]
+
+
+def test_every_waypoint_is_in_one_robots_share(city_scenario: Scenario) -> None:
+    roads = DrivingDistances(np.zeros(city_scenario.grid.grid.shape), city_scenario.grid.grid)
+    found = shares(city_scenario, roads)
+    assert [s[0].tolist() for s in found] == [[s.x_m, s.y_m] for s in city_scenario.starts]
+    visited = sorted(tuple(stop) for share in found for stop in share[1:].tolist())
+    assert visited == sorted(city_scenario.patrol)
 
 
 def test_the_patrol_of_a_scenario_stays_on_free_ground(city_scenario: Scenario) -> None:
