@@ -82,6 +82,8 @@ class Evidence:
         within, blocks = self._blocks(glrm_cells)
         away = ~within
         fuse_cells(self.coarse, self.coarse_ticks, glrm_cells[away], values[away], ticks[away], coarse)
+        if not within.any():
+            return
         cells = self._fine_cells(blocks[within])
         each = self.factor**2
         self.fuse_fine(cells, np.repeat(values[within], each, axis=0), np.repeat(ticks[within], each), fine)
