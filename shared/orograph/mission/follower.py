@@ -64,7 +64,7 @@ class Follower:
     def advance(self, x_m: float, y_m: float) -> float:
         """Metres along the path to where the robot is, searched forward from the last time."""
         assert self.path is not None
-        end = int(np.searchsorted(self.arc_m, self.arc_m[self._nearest] + 6.0)) + 1
+        end = int(self.arc_m.searchsorted(self.arc_m[self._nearest] + 6.0)) + 1
         part = self.path.xy_m[self._nearest : end]
         self._nearest += int(np.argmin((part[:, 0] - x_m) ** 2 + (part[:, 1] - y_m) ** 2))
         near = self._nearest
@@ -89,7 +89,7 @@ class Follower:
         """What to do now, at speed `v_mps`, with `free_m` metres of free path ahead; call after `advance`."""
         assert self.path is not None
         lookahead_m = min(max(1.0, 0.5 + 0.8 * abs(v_mps)), 3.0)
-        target = min(int(np.searchsorted(self.arc_m, self.arc_m[self._nearest] + lookahead_m)), len(self.arc_m) - 1)
+        target = min(int(self.arc_m.searchsorted(self.arc_m[self._nearest] + lookahead_m)), len(self.arc_m) - 1)
         dx, dy = self.path.xy_m[target] - (x_m, y_m)
         distance, bearing = math.hypot(dx, dy), wrap_angle(math.atan2(dy, dx) - yaw_rad)
         self._turning = abs(bearing) > (TURN_END_RAD if self._turning else TURN_BEGIN_RAD)
@@ -103,7 +103,7 @@ class Follower:
 
     def _speed(self, v_mps: float, free_m: float) -> float:
         lag_m = DELAY_S * abs(v_mps)
-        soon = min(int(np.searchsorted(self.arc_m, self.arc_m[self._nearest] + lag_m)), len(self.arc_m) - 1)
+        soon = min(int(self.arc_m.searchsorted(self.arc_m[self._nearest] + lag_m)), len(self.arc_m) - 1)
         stop_mps = math.sqrt(2 * BRAKE_MPS2 * max(0.0, free_m - STOP_SHORT_M - lag_m))
         return min(float(self._limit_mps[soon]), stop_mps)
 

@@ -113,7 +113,8 @@ class Navigator:
         rest = "idle" if self.tour.number == 0 else ("blocked" if self.tour.unreached else "done")
         if self._finished_mission < self.tour.number:
             self._finished_mission = self.tour.number
-            note("done", {"mission": self.tour.number, "given_up": len(self.tour.given_up)})
+            if not self.tour.flush:
+                note("done", {"mission": self.tour.number, "given_up": len(self.tour.given_up)})
         if back is not None and self.state != "returning":
             note("returning", {"x_m": round(back[0], 1), "y_m": round(back[1], 1)})
         self.state = rest if back is None else "returning"

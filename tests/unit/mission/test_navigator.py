@@ -51,11 +51,11 @@ def test_a_walker_who_crosses_is_not_hit(phase):
 def test_it_stops_for_what_blocks_the_street_and_goes_on_when_it_has_gone():
     street = [(0, 16, 100, 20), (0, 4, 100, 8)]
     world = UnicycleWorld(
-        scenario_of([(70, 12)], start=(6, 12, 0)), street, mover=lambda t: (30, 8, 33, 16) if t < 12 else None
+        scenario_of([(70, 12)], start=(6, 12, 0)), street, mover=lambda t: (30, 8, 33, 16) if t < 15 else None
     ).run(90, is_done)
     assert world.hits == []
-    standing = [x for t, x, y, yaw, v, *_ in world.track if 10 < t < 12 and abs(v) < 0.05]
-    assert len(standing) >= 8 and 20 < standing[0] < 29.5
+    standing = [x for t, x, y, yaw, v, *_ in world.track if 12.5 < t < 15 and abs(v) < 0.05]
+    assert len(standing) > 20 and 20 < standing[0] < 29.5
     assert [kind for _, kind, _ in world.notes][-2:] == ["waypoint", "done"]
 
 
