@@ -41,7 +41,8 @@ def coverage(
         lower.set_ylim(bottom=0)
         lower.set_xlabel("simulation time [s]")
         lower.set_ylabel("cells waiting" if backlog else "no radio")
-        lower.yaxis.set_visible(bool(backlog))
+        if not backlog:
+            lower.set_yticks([])
         names = [Line2D([], [], color=palette.robot_colour(i), lw=2.5, label=r) for i, r in enumerate(robots)]
         lower.legend(handles=names, loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize=8)
 
