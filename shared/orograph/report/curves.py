@@ -48,7 +48,7 @@ def coverage(
 
     return palette.picture(
         (10.0, 5.2),
-        "Above: share of the cells observable from the patrol that the global map holds with confidence 64 and more. "
+        "Above: share of the cells observable from the patrol that had reached confidence 64 in the global map. "
         "Below: bands mark the time without radio, lines the cells a robot holds that the map manager has not "
         "acknowledged yet. "
         "A robot in a shadow piles up, then empties within seconds of its return.",
