@@ -21,6 +21,8 @@ from orograph.messages import (
     RobotStatus,
     RunEnd,
 )
+from orograph.mission.distances import DrivingDistances
+from orograph.mission.orchestrator import SECOND_NS, Patrol
 from orograph.nodes.orchestrator import OrchestratorNode
 from orograph.scenario import GridSpec, Scenario, Start
 
@@ -327,3 +329,59 @@ def test_telemetry_counts_what_is_left() -> None:
     run.until(20)
     figures = run.node.telemetry()
     assert figures["robots_heard"] == 1 and figures["phase"] == 0 and figures["silence_robot_002_s"] > 15
+
+
+def test_the_end_of_the_patrol_reaches_every_robot_as_a_newer_mission() -> None:
+    run = Run(street(2, 4))
+    run.until(600)
+    assert all(d.flush and d.order == [] for d in run.drivers.values())
+
+
+def patrol_of(scenario: Scenario) -> Patrol:
+    grid = scenario.grid.grid
+    starts_m = [(s.x_m, s.y_m) for s in scenario.starts]
+    robots = [keys.robot_id(i + 1) for i in range(len(starts_m))]
+    return Patrol(robots, starts_m, scenario.patrol, DrivingDistances(np.zeros(grid.shape), grid), 0)
+
+
+def says(second: int, *, mission: int, visited: tuple[int, ...] = (), given_up: tuple[int, ...] = ()) -> RobotStatus:
+    lists = (np.array(a, "<u2") for a in (visited, given_up))
+    return RobotStatus(second * SECOND_NS, mission, *lists, "driving", 200.0, 50.0)
+
+
+def silently(kind: str, fields: Mapping[str, Any]) -> None:
+    """A note that nobody reads."""
+
+
+def test_a_robot_is_told_what_others_visited_for_it_and_not_what_it_visited_itself() -> None:
+    scenario = street(2, 6)
+    patrol = patrol_of(scenario)
+    patrol.review(1, 0, patrol.robots, silently)
+    first, second, *rest = patrol.robots["robot_001"].order
+    patrol.hear("robot_001", says(1, mission=1, visited=(first,)), SECOND_NS, silently)
+    patrol.hear("robot_002", says(1, mission=1), SECOND_NS, silently)
+    patrol.review(11, SECOND_NS, patrol.robots, silently)
+    assert (patrol.robots["robot_001"].number, patrol.robots["robot_001"].order) == (1, [second, *rest])
+    patrol.hear("robot_002", says(2, mission=1, visited=(second,)), 2 * SECOND_NS, silently)
+    patrol.review(21, 2 * SECOND_NS, patrol.robots, silently)
+    assert (patrol.robots["robot_001"].number, patrol.robots["robot_001"].order) == (21, rest)
+    assert patrol.visited_by[[first, second]].tolist() == [1, 2]
+
+
+def test_work_goes_only_to_robots_that_can_hear_of_it() -> None:
+    patrol = patrol_of(street(3, 6))
+    patrol.review(1, 0, patrol.robots, silently)
+    (handed, *_) = patrol.robots["robot_003"].order  # the western end, where robot_001 stands and says nothing
+    for second in range(1, 8):
+        patrol.hear("robot_003", says(second, mission=1, given_up=(handed,)), second * SECOND_NS, silently)
+        patrol.hear("robot_002", says(second, mission=1), second * SECOND_NS, silently)
+    patrol.review(71, 7 * SECOND_NS, patrol.robots, silently)
+    assert handed in patrol.robots["robot_002"].order
+    assert patrol.robots["robot_001"].order == [] and patrol.robots["robot_001"].number == 1
+
+
+def test_unknown_waypoints_in_a_status_are_not_believed() -> None:
+    patrol = patrol_of(street(1, 3))
+    patrol.review(1, 0, patrol.robots, silently)
+    patrol.hear("robot_001", says(1, mission=1, visited=(3, 4095), given_up=(77,)), SECOND_NS, silently)
+    assert patrol.open() == [0, 1, 2]
