@@ -20,8 +20,8 @@ def main() -> int:
     guard = Guard("router", options.with_parent)
     try:
         router = open_router(options.listen, tuple(options.peer))
-    except zenoh.ZError as error:
-        print(f"router: cannot listen on {options.listen}: {error}", file=sys.stderr)
+    except OSError as error:
+        print(f"router: {error}", file=sys.stderr)
         return 1
     with router:
         while not guard.stop.wait(1.0):

@@ -76,7 +76,7 @@ class Progress:
             table.add_row(
                 robot,
                 Text("up", "green") if mapping.get("link_up") else Text("down", "red"),
-                f"{navigator.get('distance_m', 0):.0f} m",
+                f"{navigator.get('driven_m', 0):.0f} m",
                 f"{navigator.get('position_sigma_m', 0):.2f} m",
                 f"{mapping.get('scans', 0):.0f}",
                 f"{mapping.get('waiting_cells', 0):.0f}",

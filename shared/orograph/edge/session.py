@@ -45,8 +45,11 @@ def router_config(endpoint: str, peers: tuple[str, ...] = ()) -> zenoh.Config:
 
 
 def open_router(endpoint: str, peers: tuple[str, ...] = ()) -> zenoh.Session:
-    """Open a router; raises zenoh.ZError where the endpoint is taken."""
-    return zenoh.open(router_config(endpoint, peers))
+    """Open a router; raises OSError where the endpoint can't be listened on."""
+    try:
+        return zenoh.open(router_config(endpoint, peers))
+    except zenoh.ZError as error:
+        raise OSError(f"cannot listen on {endpoint}: {error}") from error
 
 
 @contextmanager
