@@ -26,7 +26,7 @@ class Progress:
         self._console = Console(stderr=True)
         self._live = Live(console=self._console, refresh_per_second=4, transient=True)
         self._begin_s = self._said_s = time.monotonic()
-        self._first_frame_s: float | None = None
+        self._first: tuple[float, float] | None = None
         self._restarts = 0
 
     def __enter__(self) -> Progress:
@@ -53,14 +53,14 @@ class Progress:
         frame = figures.get(keys.WORLD, {}).get("frame")
         if frame is None:
             return Text(f"{self._scenario.title}: starting services ({time.monotonic() - self._begin_s:.0f} s)", "bold")
-        self._first_frame_s = self._first_frame_s or time.monotonic()
-        sim_s = frame * self._scenario.frame_ns * 1e-9
-        rtf = sim_s / max(time.monotonic() - self._first_frame_s, 1e-3)
+        now, sim_s = time.monotonic(), frame * self._scenario.frame_ns * 1e-9
+        self._first = self._first or (now, sim_s)
+        rtf = (sim_s - self._first[1]) / max(now - self._first[0], 1.0)
         manager = figures.get(keys.MANAGER, {})
         orchestrator = figures.get(keys.ORCHESTRATOR, {})
         share = manager.get("confident_cells", 0) / self._scenario.grid.grid.size
         mapping = [f for n, f in figures.items() if n.startswith(keys.MAPPING)]
-        acked, waiting = manager.get("cells_acked", 0), sum(f.get("waiting_cells", 0) for f in mapping)
+        acked, waiting = manager.get("records_acked", 0), sum(f.get("waiting_cells", 0) for f in mapping)
         return Text(
             f"{self._scenario.title}   {sim_s:6.1f} s simulated, x{rtf:.1f} real time   map {share:.1%} of the area   "
             f"cells {acked:.0f} acknowledged, {waiting:.0f} waiting   "
