@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
+import numpy.typing as npt
 
 from orograph.grid import Grid
 from orograph.layers import CellMap, Layer
@@ -22,7 +23,9 @@ class GlrmCopy:
     """The GLRM as of `version` of `manager_epoch`, or newer in single cells; begins as the prior.
 
     A cell is overwritten by the same or a newer version of itself only, so doubled, late and reordered messages do
-    no harm; the version rises only when nothing up to it can be missing.
+    no harm, and what comes over a gap is taken cell by cell. The version rises only when nothing up to it is missing:
+    by a beat or a complete answer that begins where the copy stands, by a digest that agrees in all tiles, or when
+    every cell of the tiles in which it did not agree has been repaired.
     """
 
     def __init__(self, shape: tuple[int, int], prior: Packed) -> None:
@@ -37,6 +40,10 @@ class GlrmCopy:
         """What this copy lacks and should ask for."""
         self._asked = False
         self._unsure = False
+        """The manager began a new life: a digest must tell what of this copy still holds."""
+        self._lacking = np.zeros(len(prior), np.bool_)
+        self._lacking_since = 0
+        """Version of the digest that found these cells' tiles to differ."""
         self._parts: dict[tuple[int, int, int, bool], set[int]] = {}
         self.counts: Counter[str] = Counter()
 
@@ -63,15 +70,15 @@ class GlrmCopy:
         elif delta.repair:
             self.counts["repairs"] += 1
             self._apply(delta)
+            self._repaired(delta)
         elif delta.last_version > self.version:
             self._take_beat(delta)
 
     def _take_beat(self, beat: Delta) -> None:
-        if beat.first_version <= self.version:
-            self._apply(beat)
-            return
-        self.counts["gaps"] += 1
-        if not self._unsure:
+        gap = beat.first_version > self.version
+        self._apply(beat)
+        self.counts["gaps"] += gap
+        if gap and not self._unsure:
             self._want_since()
 
     def _in_epoch(self, epoch: int) -> bool:
@@ -82,6 +89,7 @@ class GlrmCopy:
             self.cells["version"] = 0
             self._parts.clear()
             self.wanted = None
+            self._lacking[:] = False
         return epoch == self.manager_epoch
 
     def _apply(self, delta: Delta) -> None:
@@ -105,12 +113,22 @@ class GlrmCopy:
         return True
 
     def _reach(self, delta: Delta) -> None:
-        if self.version < delta.first_version:
+        if delta.first_version <= self.version < delta.last_version:
+            self._rise(delta.last_version)
+
+    def _rise(self, version: int) -> None:
+        self.version, self._unsure, self.wanted = version, False, None
+        self._lacking[:] = False
+
+    def _repaired(self, repair: Delta) -> None:
+        """Tick off cells of the tiles that differed; all of them done, the copy is at the digest's version."""
+        if not self._lacking.any() or repair.last_version < self._lacking_since:
             return
-        if delta.last_version > self.version:
-            self.version, self._unsure = delta.last_version, False
-        if delta.repair or (self.wanted and self.wanted.since_version < self.version):
-            self.wanted = None
+        self._lacking[repair.cells["cell"]] = False
+        if self._lacking.any():
+            self._want_tiles(self._tiles.of(np.flatnonzero(self._lacking)))
+        else:
+            self._confirm(max(self.version, self._lacking_since))
 
     def take_digest(self, digest: Digest) -> None:
         """Compare with the manager's tiles: equal, then this copy is at that version; else want what differs."""
@@ -125,16 +143,20 @@ class GlrmCopy:
         elif digest.version > self.version and not self._unsure and not (self.wanted and self._asked):
             self._want_since()
         else:
-            self._want(CellsRequest(self.manager_epoch, self.version, differing.astype("<u2")))
+            self._lacking_since = digest.version
+            self._lacking[:] = False
+            for tile in differing:
+                self._lacking[self._tiles.cells(int(tile))] = True
+            self._want_tiles(differing)
 
     def _confirm(self, version: int) -> None:
-        """Every cell is as of that version, so nothing older may overwrite it any more."""
-        self.version, self._unsure, self.wanted = version, False, None
+        """Every cell is as of that version or newer, so nothing older may overwrite it any more."""
+        self._rise(version)
         self.cells["version"] = np.maximum(self.cells["version"], version)
 
     def _want_since(self) -> None:
         if self.wanted is None:
-            self._want(CellsRequest(self.manager_epoch, self.version, NO_TILES))
+            self.wanted, self._asked = CellsRequest(self.manager_epoch, self.version, NO_TILES), False
 
-    def _want(self, request: CellsRequest) -> None:
-        self.wanted, self._asked = request, False
+    def _want_tiles(self, tiles: npt.NDArray[np.int64]) -> None:
+        self.wanted = CellsRequest(self.manager_epoch, self.version, tiles.astype("<u2"))

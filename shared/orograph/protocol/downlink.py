@@ -75,10 +75,16 @@ class Downlink:
         return self._delta_parts(since, version, np.flatnonzero(self._cells["version"] > since), repair=True)
 
     def _delta_parts(self, first: int, last: int, cells: npt.NDArray[np.int64], repair: bool) -> Iterator[Delta]:
-        """Parts are read when they are sent: a value newer than `last` does no harm, an older one cannot be."""
+        """Parts are read when they are sent: a value newer than `last` does no harm, an older one cannot be.
+
+        Whole tiles (`first` = `last`) are marked as of now, so that they replace whatever the copy holds.
+        """
         parts = _cut(cells)
         for number, part in enumerate(parts):
-            yield Delta(self._epoch, first, last, number, len(parts), repair, self._cells[part])
+            values = self._cells[part]
+            if first == last:
+                values["version"] = self.version
+            yield Delta(self._epoch, first, last, number, len(parts), repair, values)
 
     def step(self, now_ns: int, send: SendTo) -> None:
         """Send what is due: answers, a beat with what changed since the last, a digest straight after a beat."""

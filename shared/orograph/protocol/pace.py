@@ -14,7 +14,7 @@ class Pace:
     def __init__(self, seed: int, *names: str) -> None:
         self._seed, self._names = seed, names
         self._interval_ns = FASTEST_NS
-        self._due_ns = 0
+        self._due_ns = self._sent_ns = 0
 
     def due(self, now_ns: int) -> bool:
         """Whether it is time to send."""
@@ -28,14 +28,16 @@ class Pace:
     def sent(self, now_ns: int) -> None:
         """Something went out: the next is due one interval from now."""
         jitter = stream(self._seed, *self._names, frame=now_ns // 1_000_000).integers(80, 121)
-        self._due_ns = now_ns + self._interval_ns * int(jitter) // 100
+        self._sent_ns, self._due_ns = now_ns, now_ns + self._interval_ns * int(jitter) // 100
 
     def unanswered(self) -> None:
         """Nobody answered in time: slow down."""
         self._interval_ns = min(2 * self._interval_ns, SLOWEST_NS)
 
     def answered(self) -> None:
-        """The other side is there: full speed from the next time on."""
+        """The other side is there: full speed, and no waiting for the end of a long pause."""
+        if self.backed_off:
+            self._due_ns = min(self._due_ns, self._sent_ns + FASTEST_NS)
         self._interval_ns = FASTEST_NS
 
     def hurry(self, now_ns: int) -> None:

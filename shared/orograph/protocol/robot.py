@@ -115,8 +115,11 @@ class RobotSync:
     def _take_other(self, message: Message, now_ns: int) -> None:
         if isinstance(message, Delta):
             self.copy.take_delta(message)
+            if message.repair:
+                self._requests.sent(now_ns)
         elif isinstance(message, Digest):
             self.copy.take_digest(message)
+            self._requests.hurry(now_ns)
         elif isinstance(message, Fenced):
             self._joining.take_fenced(message, now_ns)
         else:
