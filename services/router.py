@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 
-import zenoh
 from orograph.edge.guard import Guard
 from orograph.edge.session import open_router
 

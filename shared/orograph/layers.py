@@ -49,9 +49,8 @@ class CellMap:
     @classmethod
     def unknown(cls, grid: Grid) -> CellMap:
         """A map of nothing: NaN values, confidence 0, no GPS, communications available."""
-        nan = [np.full(grid.shape, np.nan, np.float32) for _ in range(4)]
-        zeros = np.zeros(grid.shape, np.float32)
-        return cls(grid, zeros, np.ones(grid.shape, np.float32), *nan, zeros.copy())
+        start = {"communications": 1.0, "gps_quality": 0.0, "confidence": 0.0}
+        return cls(grid, **{name: np.full(grid.shape, start.get(name, np.nan), np.float32) for name in LAYERS})
 
     def layers(self) -> Iterator[tuple[str, Layer]]:
         """Pairs (name, array) in the order of mapping.md."""

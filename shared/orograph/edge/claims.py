@@ -1,0 +1,68 @@
+"""Answers the replicas' claims on robots; liveliness tokens are the leases (architecture.md, "Identity")."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+from orograph import keys
+from orograph.edge import wire
+from orograph.edge.bus import Bus
+from orograph.mission.membership import Membership
+
+UNPROVEN_S = 5.0
+"""A claim lasts this long without its liveliness token: who claimed and shows none died in between."""
+LEARN_S = 0.3
+"""After a restart the tokens of those who hold robots come first, so that none of theirs is given twice."""
+
+Instance = tuple[str, str]
+"""(service, instance uuid)."""
+
+
+class Claims:
+    """`on_fleet` is told which robots have all their services, whenever that changes once the fleet was whole."""
+
+    def __init__(self, robots: tuple[str, ...], on_fleet: Callable[[tuple[str, ...]], None]) -> None:
+        self._robots, self._on_fleet = robots, on_fleet
+        self._table = Membership(robots)
+        self._lock = threading.Lock()
+        self._proven: set[Instance] = set()
+        self._unproven_since_s: dict[Instance, float] = {}
+        self._was_whole = False
+
+    def attend(self, bus: Bus) -> None:
+        """Learn who lives, then answer."""
+        bus.watch_alive(self._on_token)
+        time.sleep(LEARN_S)
+        bus.answer(keys.CLAIM, self._on_claim)
+
+    def _on_token(self, service: str, instance: str, robots: tuple[str, ...], alive: bool) -> None:
+        with self._lock:
+            if alive:
+                self._proven.add((service, instance))
+                self._unproven_since_s.pop((service, instance), None)
+                self._table.restore([(service, instance, robots)])
+            else:
+                self._proven.discard((service, instance))
+                self._table.lost(service, instance)
+            whole = self._table.complete()
+            self._was_whole |= whole == self._robots
+            if self._was_whole:
+                self._on_fleet(whole)
+
+    def _on_claim(self, payload: bytes) -> bytes:
+        question = wire.unpack_plain(payload)
+        claimant = (question["service"], question["instance"])
+        with self._lock:
+            self._expire()
+            grant = self._table.claim(*claimant, question["capacity"], tuple(question["wanted"]))
+            if grant.robots and claimant not in self._proven:
+                self._unproven_since_s.setdefault(claimant, time.monotonic())
+        return wire.pack_plain({"robots": list(grant.robots), "reason": grant.reason})
+
+    def _expire(self) -> None:
+        for claimant, since_s in list(self._unproven_since_s.items()):
+            if time.monotonic() - since_s > UNPROVEN_S:
+                self._table.lost(*claimant)
+                del self._unproven_since_s[claimant]

@@ -1,0 +1,71 @@
+"""Claims over a real router: no robot is held twice, the dead give theirs back, a proven holder keeps its own."""
+
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from orograph import keys
+from orograph.edge import claims, wire
+from orograph.edge.bus import Bus
+
+ROBOTS = tuple(keys.robot_id(i + 1) for i in range(5))
+STOP = threading.Event()
+
+
+def _ask(bus: Bus, instance: str, service: str = keys.LASER, capacity: int = 1) -> list[str]:
+    question = {"service": service, "instance": instance, "capacity": capacity, "wanted": []}
+    return wire.unpack_plain(bus.ask(keys.CLAIM, wire.pack_plain(question), 5.0))["robots"]
+
+
+def _until(condition: Callable[[], bool], seconds: float = 10) -> None:
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def test_claims_made_at_once_are_disjoint_and_the_rest_are_spares(endpoint: str) -> None:
+    with Bus.open(endpoint, None, STOP) as server, Bus.open(endpoint, None, STOP) as bus:
+        claims.Claims(ROBOTS, lambda fleet: None).attend(server)
+        with ThreadPoolExecutor(8) as pool:
+            grants = list(pool.map(lambda i: _ask(bus, f"i{i}"), range(8)))
+    assert sorted(r for g in grants for r in g) == sorted(ROBOTS)
+    assert sum(not g for g in grants) == 3
+
+
+def test_the_dead_give_back_and_the_proven_keep(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(claims, "UNPROVEN_S", 0.2)
+    with Bus.open(endpoint, None, STOP) as server, Bus.open(endpoint, None, STOP) as bus:
+        claims.Claims(ROBOTS[:1], lambda fleet: None).attend(server)
+        assert _ask(bus, "silent") == ["robot_001"]
+        assert _ask(bus, "other") == []
+        _until(lambda: _ask(bus, "other") == ["robot_001"])
+        token = bus.token(keys.LASER, "other", ("robot_001",))
+        _until(lambda: _ask(bus, "other") == ["robot_001"])
+        for _ in range(40):
+            assert _ask(bus, "late") == []
+            time.sleep(0.01)
+        token.undeclare()
+        _until(lambda: _ask(bus, "late") == ["robot_001"])
+
+
+def test_a_new_orchestrator_learns_who_holds_what(endpoint: str) -> None:
+    with Bus.open(endpoint, None, STOP) as bus, Bus.open(endpoint, None, STOP) as server:
+        token = bus.token(keys.LASER, "old", ("robot_001", "robot_002"))
+        claims.Claims(ROBOTS[:3], lambda fleet: None).attend(server)
+        assert _ask(bus, "new", capacity=3) == ["robot_003"]
+        token.undeclare()
+
+
+def test_the_fleet_is_told_of_once_it_was_whole(endpoint: str) -> None:
+    told: list[tuple[str, ...]] = []
+    with Bus.open(endpoint, None, STOP) as server, Bus.open(endpoint, None, STOP) as bus:
+        claims.Claims(ROBOTS[:2], told.append).attend(server)
+        tokens = [bus.token(s, f"{s}{r}", (r,)) for s in keys.ROBOT_SERVICES for r in ROBOTS[:2]]
+        _until(lambda: bool(told))
+        assert told == [ROBOTS[:2]]
+        tokens[0].undeclare()
+        _until(lambda: len(told) == 2)
+        assert told[1] == ("robot_002",)
