@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 from orograph.messages import RECORD, ROW_RECORD, Batch, Delta, Welcome
 from orograph.protocol.copy import GlrmCopy
-from orograph.protocol.manager import ManagerSync
+from orograph.protocol.manager import ManagerSync, _Intake
 from orograph.protocol.robot import RobotSync, SyncResult
 from orograph.protocol.store import Changes, Granted
+
+TWINS = [seed for seed in range(7, 700, 7) if seed % 3]
+"""Storms in which two containers claim one id: what only they show is looked for there."""
 
 # --- managers --------------------------------------------------------------------------------------------------------
 
@@ -50,8 +53,21 @@ class NoSequenceCheck(ManagerSync):
 
 
 class NoEpochCheck(ManagerSync):
+    seeds = TWINS
+
     def _take_batch(self, intake, robot, batch):
         intake.batches[robot].append(batch)
+
+
+class BelievesAnything(ManagerSync):
+    """Takes what it is sent without a look at it (as far as it fits into the map at all)."""
+
+    def _take_in(self, now_ns, inbox):
+        intake = _Intake()
+        for robot, message in inbox:
+            if not isinstance(message, Batch) or (message.records["cell"] < self._size).all():
+                self._sort(intake, robot, message)
+        return intake
 
 
 class NewEpochForEveryHello(ManagerSync):
@@ -255,6 +271,8 @@ class EchoesTheMap(RobotSync):
 class FencedFightsBack(RobotSync):
     """Says hello again at once, so that two with one id take turns for ever."""
 
+    seeds = TWINS
+
     def step(self, now_ns, inbox, send):
         self._joining.superseded = False
         self._joining._hello_again_ns = 0
@@ -270,6 +288,8 @@ class SameNonceAfterRestart(RobotSync):
 
 class TakesAnyWelcome(RobotSync):
     """Takes a welcome for another instance as its own."""
+
+    seeds = TWINS
 
     def step(self, now_ns, inbox, send):
         mine = self._joining._nonce
@@ -297,9 +317,9 @@ def _ack_of(batch):
 
 
 MANAGERS = (
-    AckBeforeCommit, AckThoughDiskIsFull, PublishBeforeCommit, NoSequenceCheck, NoEpochCheck, NewEpochForEveryHello,
-    EpochsInMemoryOnly, WelcomeWithoutTheRow, FoldInOrderOfArrival, VersionsStartAgain, StoreForgotten,
-    RepairLeavesCellsOut,
+    AckBeforeCommit, AckThoughDiskIsFull, PublishBeforeCommit, NoSequenceCheck, NoEpochCheck, BelievesAnything,
+    NewEpochForEveryHello, EpochsInMemoryOnly, WelcomeWithoutTheRow, FoldInOrderOfArrival, VersionsStartAgain,
+    StoreForgotten, RepairLeavesCellsOut,
 )  # fmt: skip
 ROBOTS = (
     DeltaOverAGap, LateDeltaOverwrites, FirstPartIsEnough, IgnoresDigests, ForgetsItsRow, LocalEvidenceOverRow,

@@ -14,6 +14,7 @@ from unittest import mock
 import numpy as np
 from orograph.messages import RECORD, Ack, Batch, Delta, Fenced
 from orograph.protocol import downlink, outbox
+from orograph.protocol.downlink import SendTo
 from orograph.protocol.fold import REGISTER, FoldRules, fold_registers
 from orograph.protocol.manager import ManagerSync
 from orograph.protocol.robot import RobotSync
@@ -194,8 +195,28 @@ class Storm:
 
         try:
             self._manager.step(frame * FRAME_MS * 1_000_000, inbox, send)
+            if self.faults.replays and not self._store.full and self._rng.random() < 0.1:
+                self._send_rubbish(frame, send)
         except StoreFailed:
             self._manager, self._manager_down_until = None, frame + 2
+
+    def _send_rubbish(self, frame: int, send: SendTo) -> None:
+        """One batch of a known robot's present epoch with something wrong in it: it must be counted and do nothing."""
+        manager, robot = self._manager, self._robots[0]
+        assert manager is not None
+        records = np.zeros(2, RECORD)
+        records["cell"], records["confidence"], records["height"] = (0, 1), 200, 99_000
+        records["seq"], records["tick"] = 1_000_000, frame * FRAME_MS
+        spoiled = {"cell": SIZE, "confidence": 0, "tick": 2**32 - 1, "height": 2**31 - 1, "seq": 0}
+        name = str(self._rng.choice(list(spoiled)))
+        records[name][1] = spoiled[name]
+
+        def state() -> tuple[object, ...]:
+            return manager.hash(), manager.version, manager.registers().tobytes(), self._store.commits
+
+        before, counted = state(), manager.rejected.total()
+        manager.step(frame * FRAME_MS * 1_000_000, [(robot, Batch(manager.epoch(robot), records))], send)
+        self.history.rejected_changes += state() != before or manager.rejected.total() != counted + 1
 
     def _is_alive(self, robot: str | None, fenced: Fenced) -> bool:
         """Whether an instance writes in the epoch that is fenced: the rest are echoes of the dead."""

@@ -47,19 +47,28 @@ class SqliteStore:
         self._path, self._shape = path, shape
         self._register_sums: dict[int, npt.NDArray[np.int64]] = {}
         self._hello_sums: dict[tuple[int, int], int] = {}
-        new = not path.exists() or path.stat().st_size == 0
         try:
             self._db = sqlite3.connect(path, isolation_level=None, timeout=HOLD_TIMEOUT_S)
-            self._open(new)
-            self._held = self._read()
         except sqlite3.Error as error:
             raise self._refusal(str(error)) from error
+        try:
+            self._open()
+            self._held = self._read()
+        except StoreDamaged:
+            self._db.close()
+            raise
+        except (
+            Exception
+        ) as error:  # a flipped bit shows as anything: a text that is none, a missing column, a wrong type
+            self._db.close()
+            raise self._refusal(f"it cannot be read ({error})") from error
 
     def _refusal(self, why: str) -> StoreDamaged:
         return StoreDamaged(f"{self._path}: {why}. The file is kept as it is; move it away to start with an empty map.")
 
-    def _open(self, new: bool) -> None:
+    def _open(self) -> None:
         self._db.execute("pragma locking_mode = exclusive")
+        new = self._number("select count(*) from sqlite_master") == 0
         if not new and self._number("pragma application_id") != APPLICATION_ID:
             raise self._refusal("this is not a map store")
         self._db.execute("pragma journal_mode = wal")

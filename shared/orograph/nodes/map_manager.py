@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from orograph import keys
 from orograph.messages import Envelope, Frame, ManagerStatus, Message, Phase
-from orograph.nodes import Note, Send
+from orograph.node import Note, Send
 from orograph.protocol.fold import FoldRules
 from orograph.protocol.manager import ManagerSync
 from orograph.protocol.store import Store

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from orograph.keys import robot_number
+from orograph.keys import robot_id, robot_number
 from orograph.messages import ACKED, RECORD, ROW_RECORD, Ack, Batch, CellsRequest, Fenced, Hello, Message, Packed
 from orograph.protocol.downlink import Downlink, SendTo
 from orograph.protocol.epochs import Epochs
@@ -209,7 +209,7 @@ class ManagerSync:
         self._downlink.changed(changed, self.version)
         for grant in changes.granted:
             self._epochs.add(grant)
-            self._note("hello", {"robot": grant.robot, "epoch": grant.epoch})
+            self._note("hello", {"robot": robot_id(grant.robot), "epoch": grant.epoch})
 
     def _answer(self, intake: _Intake, send: SendTo) -> None:
         for robot, batches in intake.batches.items():
