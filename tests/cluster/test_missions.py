@@ -23,7 +23,7 @@ def in_process(tmp_path_factory: pytest.TempPathFactory) -> dict:
 def test_a_mission_ends_with_one_map_and_nothing_lost(in_process: dict) -> None:
     assert in_process["complete"] and in_process["copies_hash_equal"] and in_process["cells_lost"] == 0
     assert in_process["cells_acked"] > 100
-    assert in_process["score"]["glrm"]["coverage"] > 0.9
+    assert in_process["coverage"] > 0.9
 
 
 def test_the_same_seed_gives_the_same_map_again_and_another_seed_does_not(in_process: dict, tmp_path: Path) -> None:

@@ -134,6 +134,7 @@ def test_who_leaves_is_not_waited_for_and_may_come_back(endpoint: str, tmp_path:
         assert not leaves.is_alive()
         _await_progress(chatters[keys.MANAGER])
         back = Chatter(keys.ORCHESTRATOR, [keys.WORLD])
+        assert ticking.is_alive()
         again = _participate(endpoint, back, guard, tmp_path)
         assert back.stepped.wait(10)
         _await_progress(chatters[keys.MANAGER])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterable
 from typing import Any
 
@@ -31,6 +32,8 @@ class Barrier:
     def _on_token(self, service: str, instance: str, robots: tuple[str, ...], alive: bool) -> None:
         with self._changed:
             (self._alive.add if alive else self._alive.discard)(instance)
+            if not alive:
+                self._joined.pop(instance, None)
             self._changed.notify_all()
 
     def _on_answer(self, payload: bytes) -> None:
@@ -65,9 +68,12 @@ class Barrier:
 
     def await_answers(self, frame: int, roster: list[str], stop: threading.Event) -> Table:
         """Wait until everybody alive has answered this frame; returns what was sent to whom, all senders together."""
+        resend_s = time.monotonic() + RESEND_S
         with self._changed:
             while self._pending(frame, roster) and not stop.is_set():
-                if not self._changed.wait(RESEND_S):
+                self._changed.wait(RESEND_S)
+                if time.monotonic() > resend_s:
+                    resend_s = time.monotonic() + RESEND_S
                     self._bus.tell(keys.TICK, self._payload)
             table: Table = {}
             for instance in roster:
@@ -78,7 +84,8 @@ class Barrier:
             return table
 
     def _pending(self, frame: int, roster: list[str]) -> bool:
-        return any(i in self._alive and self._answers[i]["frame"] < frame for i in roster)
+        there = [i for i in roster if i in self._alive and i in self._joined]
+        return any(self._answers[i]["frame"] < frame for i in there)
 
 
 def merge(table: Table, more: Table) -> None:

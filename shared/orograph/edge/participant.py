@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 import uuid
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -76,6 +77,7 @@ class Participant:
         self._frame_ns = scenario.frame_ns
         self._names = [n.name for n in host.nodes]
         self._last: dict[str, Any] = {}
+        self._answered_s = 0.0
         self._ticks = Ticks(bus)
 
     def run(self) -> None:
@@ -83,12 +85,12 @@ class Participant:
         while not self._guard.stop.is_set():
             self._guard.alive()
             tick = self._ticks.next(JOIN_EVERY_S)
-            if tick is None:
-                self._answer(self._last or {"frame": -1, "sent": {}, "lost": 0})
-            elif tick["end"]:
+            if tick is not None and tick["end"]:
                 return
-            elif self._instance in tick["roster"]:
+            if tick is not None and self._instance in tick["roster"]:
                 self._take(tick)
+            elif time.monotonic() - self._answered_s > JOIN_EVERY_S:
+                self._answer(self._last or {"frame": -1, "sent": {}, "lost": 0})
 
     def _take(self, tick: dict[str, Any]) -> None:
         if tick["frame"] > self._last.get("frame", -1):
@@ -100,6 +102,7 @@ class Participant:
         self._answer(self._last)
 
     def _answer(self, answer: dict[str, Any]) -> None:
+        self._answered_s = time.monotonic()
         payload = {**answer, "instance": self._instance, "nodes": self._names}
         self._bus.tell(keys.done_key(self._instance), wire.pack_plain(payload))
 
