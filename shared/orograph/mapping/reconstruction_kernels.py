@@ -28,15 +28,10 @@ def heights(
     for i in range(points.shape[0]):
         slot_of_point[i] = -1
         x, y, z, distance_m = points[i, 0], points[i, 1], points[i, 2], ranges_m[i]
-        if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z) and math.isfinite(distance_m)):
-            dropped[NOT_FINITE] += 1
-            continue
-        if distance_m > range_max_m:
-            dropped[BEYOND_RANGE] += 1
-            continue
         u, v = (x - x0) / cell_m, (y - y0) / cell_m
-        if not (0.0 <= u < cols and 0.0 <= v < rows):
-            dropped[OUTSIDE_GRID] += 1
+        inside = 0.0 <= u < cols and 0.0 <= v < rows
+        if not (inside and abs(z) < math.inf and -math.inf < distance_m <= range_max_m):
+            dropped[drop_reason(x, y, z, distance_m, range_max_m)] += 1
             continue
         row, col = int(v), int(u)
         cell = row * cols + col
@@ -54,6 +49,14 @@ def heights(
         height[slot] /= count[slot]
         values[slot, 0] = height[slot]
     return slots
+
+
+@njit(cache=True)
+def drop_reason(x: float, y: float, z: float, distance_m: float, range_max_m: float) -> int:
+    """Why a point is of no use; apart from `heights`, whose loop asks all at once."""
+    if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z) and math.isfinite(distance_m)):
+        return NOT_FINITE
+    return BEYOND_RANGE if distance_m > range_max_m else OUTSIDE_GRID
 
 
 @njit(cache=True)

@@ -58,7 +58,8 @@ def blocks_of(cells: Any, cols: int, factor: int, marked: Any) -> Any:
     """The blocks that hold `cells`, ascending; `marked` (blocks,) is all False before and after."""
     block_cols = cols // factor
     for i in range(cells.shape[0]):
-        marked[(cells[i] // cols) // factor * block_cols + (cells[i] % cols) // factor] = True
+        row = cells[i] // cols
+        marked[row // factor * block_cols + (cells[i] - row * cols) // factor] = True
     blocks = np.flatnonzero(marked)
     marked[blocks] = False
     return blocks
