@@ -17,10 +17,13 @@ CLEAR_DIFFERENCE = 2.0 / 16.0 * 255.0
 
 @njit(cache=True)
 def same_slope(a: float, b: float, tan_similarity: float) -> bool:
-    """|atan a - atan b| <= the similarity angle, by the tangent of the difference; unknown counts as similar."""
+    """|atan a - atan b| <= the similarity angle, by the tangent of the difference; unknown counts as similar.
+
+    Slopes a right angle or more apart make the right side negative.
+    """
     if math.isnan(a) or math.isnan(b):
         return True
-    return 1.0 + a * b > 0.0 and abs(a - b) <= tan_similarity * (1.0 + a * b)
+    return abs(a - b) <= tan_similarity * (1.0 + a * b)
 
 
 @njit(cache=True)

@@ -144,6 +144,16 @@ def test_a_standing_robot_does_not_send_the_same_again_and_again():
     assert sum(len(b.records) for b in batches) < 0.1 * cells
 
 
+def test_what_already_waits_in_the_same_form_is_not_offered_anew():
+    """100 scans without an acknowledgement: only a cell that moved by a threshold since its last offer gets a new seq."""
+    round_ = Round()
+    round_.radio = False
+    round_.run(400)
+    round_.radio = True
+    first = next(iter(of(Batch, round_.run(60, scans=False))))
+    assert first.records["seq"].max() < 10 * round_.node.telemetry()["records_acked"]
+
+
 def test_a_restarted_robot_takes_its_row_over():
     round_ = Round()
     round_.run(60)
