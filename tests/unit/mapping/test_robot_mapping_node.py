@@ -145,7 +145,7 @@ def test_a_standing_robot_does_not_send_the_same_again_and_again():
 
 
 def test_what_already_waits_in_the_same_form_is_not_offered_anew():
-    """100 scans without an acknowledgement: only a cell that moved by a threshold since its last offer gets a new seq."""
+    """100 scans without an acknowledgement: only a cell that moved since its last offer gets a new seq."""
     round_ = Round()
     round_.radio = False
     round_.run(400)
