@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 
@@ -32,6 +32,8 @@ class StageRecorder:
     def __init__(self, clock_ns: Callable[[], int], keep: int = 20_000) -> None:
         self._clock_ns, self._keep = clock_ns, keep
         self.durations_ns: defaultdict[str, list[int]] = defaultdict(list)
+        self.passes: Counter[str] = Counter()
+        """How often each stage was measured, those no longer kept included."""
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:
@@ -41,5 +43,6 @@ class StageRecorder:
         yield
         durations = self.durations_ns[name]
         durations.append(self._clock_ns() - begin)
+        self.passes[name] += 1
         if len(durations) > self._keep:
             del durations[: self._keep // 2]

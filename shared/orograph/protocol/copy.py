@@ -143,6 +143,7 @@ class GlrmCopy:
         elif digest.version > self.version and not self._unsure and not (self.wanted and self._asked):
             self._want_since()
         else:
+            self.counts["mismatches"] += 1
             self._lacking_since = digest.version
             self._lacking[:] = False
             for tile in differing:

@@ -232,6 +232,7 @@ class ManagerSync:
             "manager_epoch": self.manager_epoch,
             "version": self.version,
             "confident_cells": self.confident_cells,
+            "cells": self._size,
             "store_full": float(self.store_full),
             "commits": self._counts["commits"],
             "commits_refused": self._counts["commits_refused"],

@@ -35,16 +35,24 @@ class Outbox:
         self.own["cell"] = self._acked["cell"] = np.arange(size)
         self._dirty = np.zeros(size, np.bool_)
         self._dirty_since = np.zeros(size, np.int64)
+        self._dirty_since_ns = np.zeros(size, np.int64)
         self._in_flight = np.zeros(size, np.bool_)
         self._flights: list[_Flight] = []
         self._seq = 0
         self._offers = 0
+        self.now_ns = 0
+        """Stamp of the newest step; a cell's age counts from it."""
         self.waiting = 0
 
     @property
     def flights(self) -> int:
         """Batches sent, neither acknowledged nor given up."""
         return len(self._flights)
+
+    @property
+    def oldest_age_ns(self) -> int:
+        """How long the cell that has waited longest is unacknowledged; 0 where nothing waits."""
+        return self.now_ns - int(self._dirty_since_ns[self._dirty].min()) if self.waiting else 0
 
     def offer(self, records: Packed) -> None:
         """Take new values of registers (RECORD, seq ignored); what says nothing new keeps its seq."""
@@ -61,6 +69,7 @@ class Outbox:
         self._seq += len(cells)
         self._offers += 1
         self._dirty_since[cells] = np.where(self._dirty[cells], self._dirty_since[cells], self._offers)
+        self._dirty_since_ns[cells] = np.where(self._dirty[cells], self._dirty_since_ns[cells], self.now_ns)
         self._dirty[cells] = True
         self._count()
 
@@ -114,13 +123,13 @@ class Outbox:
             flight.cells, flight.seqs = flight.cells[~landed], flight.seqs[~landed]
         self._flights = [flight for flight in self._flights if len(flight.cells)]
 
-    def give_up_old(self, now_ns: int) -> bool:
-        """Count unanswered batches as lost, so that their cells go again; whether there were any."""
+    def give_up_old(self, now_ns: int) -> int:
+        """Count unanswered batches as lost, so that their cells go again; how many there were."""
         old = [flight for flight in self._flights if now_ns - flight.sent_ns >= ANSWER_WITHIN_NS]
         for flight in old:
             self._in_flight[flight.cells] = False
         self._flights = [flight for flight in self._flights if now_ns - flight.sent_ns < ANSWER_WITHIN_NS]
-        return bool(old)
+        return len(old)
 
     def rebase(self, row: Packed, first_life: bool) -> None:
         """Start an epoch from the row (ROW_RECORD, cells ascending) that the manager holds of this robot.

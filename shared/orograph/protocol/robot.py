@@ -79,6 +79,7 @@ class RobotSync:
 
     def step(self, now_ns: int, inbox: Sequence[Message], send: Callable[[Message], None]) -> SyncResult:
         """Take what the manager sent, send what is due."""
+        self._outbox.now_ns = now_ns
         acknowledged, adopted = [np.zeros(0, RECORD)], np.zeros(0, ROW_RECORD)
         for message in inbox:
             self._hear(now_ns)
@@ -129,7 +130,8 @@ class RobotSync:
         hello = self._joining.hello(now_ns)
         if hello is not None:
             send(hello)
-        if self._outbox.give_up_old(now_ns):
+        if unanswered := self._outbox.give_up_old(now_ns):
+            self._counts["batches_unanswered"] += unanswered
             self._batches.unanswered()
         if self._joining.epoch is not None and self._outbox.waiting and self._batches.due(now_ns):
             self._send_batches(self._joining.epoch, now_ns, send)
@@ -165,13 +167,17 @@ class RobotSync:
             "fencings": joining.fencings,
             "hellos": joining.hellos,
             "waiting_cells": self._outbox.waiting,
+            "oldest_waiting_s": self._outbox.oldest_age_ns * 1e-9,
             "batches_in_flight": self._outbox.flights,
             "batches_sent": self._counts["batches_sent"],
+            "batches_unanswered": self._counts["batches_unanswered"],
             "records_sent": self._counts["records_sent"],
             "records_acked": self._counts["records_acked"],
             "copy_version": self.copy.version,
             "copy_gaps": self.copy.counts["gaps"],
             "copy_requests": self.copy.counts["requests"],
             "copy_repairs": self.copy.counts["repairs"],
+            "copy_mismatches": self.copy.counts["mismatches"],
+            "copy_rejected": self.copy.counts["rejected"],
             "unexpected": self._counts["unexpected"],
         }
