@@ -36,11 +36,11 @@ def reference() -> str:
         "# Messages and keys",
         "",
         f"Written by `ops/reference.py` from `shared/orograph/messages.py` and `keys.py`. Schema version "
-        f"{messages.SCHEMA_VERSION}; a fragment on the wire is at most {messages.FRAGMENT_MAX_BYTES} bytes, a message at most "
-        f"{messages.MESSAGE_MAX_BYTES}.",
+        f"{messages.SCHEMA_VERSION}; a fragment on the wire is at most {messages.FRAGMENT_MAX_BYTES} bytes, "
+        f"a message at most {messages.MESSAGE_MAX_BYTES}.",
         "",
-        "Key of a message: `og/<plane>/<to service>/<to robot | all | ->/<kind>/<from service>/<from robot | ->`, planes "
-        f"{' and '.join(f'`{p}`' for p in keys.PLANES)}.",
+        "Key of a message: `og/<plane>/<to service>/<to robot | all | ->/<kind>/<from service>/<from robot | ->`, "
+        f"planes {' and '.join(f'`{p}`' for p in keys.PLANES)}.",
         f"Control keys on the sim plane: `{keys.TICK}` (the world's clock), `{keys.DONE}/<instance>` (answers), "
         f"`{keys.CLAIM}` (queries for robots), `og/alive/<service>/<instance>/<robots>` (liveliness), "
         f"`{keys.TELEMETRY}/<service>/<robot>` (figures for people).",
