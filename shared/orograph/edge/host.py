@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from orograph import keys
-from orograph.edge import wire
+from orograph.edge import metrics, wire
 from orograph.edge.bus import Bus
 from orograph.edge.mailbox import Mailbox, routes_to
 from orograph.edge.recording import Recording
@@ -32,6 +32,7 @@ class NodeHost:
         self._shown_s = 0.0
         bus.listen([n.name for n in self.nodes], self._mailbox)
 
+    @metrics.STEP.time()
     def step(
         self, frame: Frame, counted: Mapping[str, Any], down: frozenset[str], lockstep: bool, stop: threading.Event
     ) -> int:
@@ -41,12 +42,14 @@ class NodeHost:
         """
         lost = 0
         if lockstep:
-            lost = self._mailbox.await_counted(frame.index - 1, routes_to((n.name for n in self.nodes), counted), stop)
+            needed = routes_to((n.name for n in self.nodes), counted)
+            with metrics.WAIT.time():
+                lost = self._mailbox.await_counted(frame.index - 1, needed, stop)
         inbox = self._mailbox.take(frame.index, newest_only=not lockstep)
         self._bus.begin(frame.index)
         for node in self.nodes:
             self._step_node(node, frame, [e for e in inbox if self._reaches(node.name, e, down)])
-        self._show()
+        self._show(frame)
         return lost
 
     def _step_node(self, node: Node, frame: Frame, inbox: list[Envelope]) -> None:
@@ -66,14 +69,17 @@ class NodeHost:
         loss = self._scenario.radio.loss
         return delivers(self._scenario.seed, loss, up, envelope.sender, name, envelope.frame, envelope.index)
 
-    def _show(self) -> None:
+    def _show(self, frame: Frame) -> None:
         now = time.monotonic()
         if now - self._shown_s < SHOW_EVERY_S:
             return
         self._shown_s = now
-        for node in self.nodes:
-            figures = {**node.telemetry(), **self._mailbox.counts, "rss_max_bytes": rss_max_bytes()}
-            self._bus.show(node.name, wire.pack_plain({k: float(v) for k, v in figures.items()}))
+        shown = {node.name: node.telemetry() for node in self.nodes}
+        process = metrics.process_figures(frame.stamp_ns, self._scenario, shown, self._mailbox, self._bus)
+        metrics.FIGURES.show(shown, {**process, "rss_max_bytes": rss_max_bytes()})
+        for name, telemetry in shown.items():
+            figures = {**telemetry, **self._mailbox.counts, "rss_max_bytes": rss_max_bytes()}
+            self._bus.show(name, wire.pack_plain({k: float(v) for k, v in figures.items()}))
 
     def save(self, process: str, stages: Mapping[str, StageRecorder]) -> None:
         """Leave everything in the run folder."""

@@ -35,6 +35,11 @@ class Mailbox:
         self.counts: defaultdict[str, int] = defaultdict(int)
         self.bytes_received: Counter[tuple[str, str, str]] = Counter()
 
+    @property
+    def waiting(self) -> int:
+        """Messages received and not yet taken."""
+        return len(self._envelopes)
+
     def add(self, key: str, piece: bytes) -> None:
         """Take one fragment off the wire; bad ones are counted by reason and change nothing."""
         with self._changed:

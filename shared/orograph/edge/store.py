@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from orograph.edge import metrics
 from orograph.messages import ROW_RECORD, Packed
 from orograph.protocol.epochs import NONCES_KEPT
 from orograph.protocol.store import CONFIDENT, Changes, Granted, Held, StoreDamaged, StoreFailed, StoreFull
@@ -153,6 +154,7 @@ class SqliteStore:
 
     # --- writing -----------------------------------------------------------------------------------------------------
 
+    @metrics.COMMIT.time()
     def commit(self, changes: Changes) -> None:
         """Keep these durably before returning; raises StoreFull (nothing kept) or StoreFailed (end the process)."""
         registers = {robot: [_register_row(robot, row) for row in rows] for robot, rows in changes.registers.items()}
