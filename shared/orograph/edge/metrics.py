@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from wsgiref.simple_server import WSGIServer
 
 from prometheus_client import REGISTRY, CollectorRegistry, Counter, Histogram, start_http_server
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
@@ -21,7 +21,6 @@ from orograph.edge.metric_names import Metric
 from orograph.scenario import Scenario
 from orograph.stages import STAGES, StageRecorder
 
-PORT_FLAG = "--metrics-port"
 MICRO_S = (10e-6, 30e-6, 100e-6, 300e-6, 1e-3, 3e-3, 10e-3, 30e-3, 100e-3, 300e-3, 1.0)
 MILLI_S = (1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 50e-3, 100e-3, 200e-3, 500e-3, 1.0, 2.0)
 
@@ -138,20 +137,9 @@ def endpoint(text: str) -> tuple[str, int]:
     return address or "0.0.0.0", int(port)
 
 
-@contextmanager
-def served(wanted: tuple[str, int] | None, registry: CollectorRegistry = REGISTRY) -> Iterator[None]:
-    """Answer scrapes at (address, port) while the block runs, if wanted; raises SystemExit where it is taken."""
-    if wanted is None:
-        yield
-        return
-    address, port = wanted
+def serve(address: str, port: int, registry: CollectorRegistry = REGISTRY) -> WSGIServer:
+    """Answer scrapes from a thread of its own, until the process ends; raises SystemExit where the port is taken."""
     try:
-        server, thread = start_http_server(port, address, registry)
+        return start_http_server(port, address, registry)[0]
     except OSError as error:
         raise SystemExit(f"orograph: cannot serve metrics on {address}:{port}: {error.strerror}") from None
-    try:
-        yield
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join(2.0)
