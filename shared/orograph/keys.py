@@ -1,7 +1,8 @@
 """The one builder of Zenoh key expressions, node names and addresses.
 
 A *node* is one step object: `world`, `map-manager`, `laser/robot_001`. A message goes to a node or to a
-group (`robot-mapping/*`: that service of every robot). Keys: `og/<plane>/<to service>/<to robot>/<kind>/<from service>/<from robot>`.
+group (`robot-mapping/*`: that service of every robot). Keys:
+`og/<plane>/<to service>/<to robot>/<kind>/<from service>/<from robot>`.
 """
 
 from __future__ import annotations
@@ -99,6 +100,8 @@ ALIVE_ALL = f"{ROOT}/alive/**"
 """All liveliness tokens: world and orchestrator listen (sim plane)."""
 CLAIM = f"{ROOT}/claim"
 """Query on the sim plane: a replica asks the orchestrator for robots."""
+BRIEFING = f"{ROOT}/scenario"
+"""Query on the sim plane: any service asks what runs; the orchestrator answers, and the world, which outlives it."""
 TICK = f"{ROOT}/tick"
 """World's clock, every participant listens (sim plane)."""
 DONE = f"{ROOT}/done"

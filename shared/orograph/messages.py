@@ -218,8 +218,8 @@ class Ack:
 class Delta:
     """Map-manager -> all robots (one beat), or -> one robot (answer to CellsRequest): changed GLRM cells.
 
-    A beat is cut into parts; `first_version` < `last_version` span the whole beat. It applies on a copy whose version is
-    at least `first_version`. A repair (`repair` True) may be applied on any version and does not raise it unless
+    A beat is cut into parts; `first_version` < `last_version` span the whole beat. It applies on a copy whose version
+    is at least `first_version`. A repair (`repair` True) may be applied on any version and does not raise it unless
     it is a complete answer "since version".
     """
 
@@ -303,7 +303,7 @@ class ManagerStatus:
     confident_cells: int = integer(0, CELLS_MAX, "cells with confidence >= 64")
 
 
-# --- sim plane: from the orchestrator to the world ---------------------------------------------------------------------
+# --- sim plane: from the orchestrator to the world ------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)

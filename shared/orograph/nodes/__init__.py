@@ -1,4 +1,4 @@
-"""One step object per service: messages in, messages out. The same objects run in a container, a process or a simulation."""
+"""One step object per service: messages in, messages out; the same in a container, a process, a simulation."""
 
 from orograph.node import Node, Note, Send, text_array
 
