@@ -46,7 +46,7 @@ def test_a_killed_part_costs_nothing_that_was_acknowledged(name: str, frames: li
     assert nemesis.kills == kills
     assert summary["complete"]
     assert summary["cells_lost"] == 0 and summary["cells_acked"] > 100
-    assert summary["copies_hash_equal"]
+    assert summary["copies_hash_equal"] and summary["glrm_is_own_fold"]
 
 
 def test_the_worlds_death_ends_the_run_with_its_name(tmp_path: Path) -> None:

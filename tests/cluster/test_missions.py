@@ -22,7 +22,7 @@ def in_process(tmp_path_factory: pytest.TempPathFactory) -> dict:
 
 def test_a_mission_ends_with_one_map_and_nothing_lost(in_process: dict) -> None:
     assert in_process["complete"] and in_process["copies_hash_equal"] and in_process["cells_lost"] == 0
-    assert in_process["cells_acked"] > 100
+    assert in_process["cells_acked"] > 100 and in_process["glrm_is_own_fold"]
     assert in_process["coverage"] > 0.9
 
 

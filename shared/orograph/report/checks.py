@@ -132,6 +132,11 @@ def _copies(parts: RunParts, ledger: Ledger) -> Check:
     return Check("Every robot holds the manager's map, bit for bit", copies_equal(parts, ledger), found)
 
 
+def is_own_fold(parts: RunParts, ledger: Ledger) -> bool | None:
+    """Whether the map is the fold of the robots' own last evidence; None where some of that is missing."""
+    return _fold(parts, ledger).ok
+
+
 def _fold(parts: RunParts, ledger: Ledger) -> Check:
     promise = "The map is the fold of the robots' own last evidence"
     if ledger.glrm is None or set(ledger.own) != set(parts.robots):

@@ -14,7 +14,7 @@ from orograph import keys
 from orograph.layers import CONFIDENT, CellMap, Layer
 from orograph.protocol.tiles import map_hash
 from orograph.registers import unpack
-from orograph.report.checks import Check, Ledger, checks, copies_equal, lost_cells, read_ledger
+from orograph.report.checks import Check, Ledger, checks, copies_equal, is_own_fold, lost_cells, read_ledger
 from orograph.report.parts import RunParts
 from orograph.report.reference import Reference
 from orograph.report.score import MapScore, Truth, coverage, mapping_times_s, score_maps, truth_of_map
@@ -144,6 +144,7 @@ def _figures(
         "rtf": sim_s / wall_s if wall_s > 0 else None,
         "glrm_hash": None if ledger.glrm is None else map_hash(ledger.glrm).hex(),
         "copies_hash_equal": copies_equal(parts, ledger),
+        "glrm_is_own_fold": is_own_fold(parts, ledger),
         "coverage": coverage(glrm, reference.observable),
         "observable_cells": int(reference.observable.sum()),
         "mapping_time_s": {str(k): v for k, v in _mapping_times(parts, reference).items()},
