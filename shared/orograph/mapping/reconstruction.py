@@ -18,12 +18,14 @@ DROP_REASONS = ("not_finite", "beyond_range", "outside_grid")
 
 
 class _Workspace(NamedTuple):
-    slot_of_cell: npt.NDArray[np.int32]
-    slot_of_point: npt.NDArray[np.int32]
+    slot_of_cell: npt.NDArray[np.uint32]
+    cell_of_point: npt.NDArray[np.uint32]
+    slot_of_point: npt.NDArray[np.uint32]
     sub_cell: npt.NDArray[np.uint8]
-    cell_of_slot: npt.NDArray[np.int64]
-    centre: npt.NDArray[np.float64]
-    count_of_slot: npt.NDArray[np.int64]
+    east: npt.NDArray[np.float64]
+    north: npt.NDArray[np.float64]
+    cell_of_slot: npt.NDArray[np.uint32]
+    count_of_slot: npt.NDArray[np.uint32]
     height: npt.NDArray[np.float64]
     moments: npt.NDArray[np.float64]
     hits: npt.NDArray[np.int64]
@@ -34,10 +36,10 @@ class _Workspace(NamedTuple):
     def sized(cls, cells: int, points: int) -> _Workspace:
         slots = min(cells, points)
         return cls(
-            np.full(cells, -1, np.int32), np.empty(points, np.int32), np.empty(points, np.uint8),
-            np.empty(slots, np.int64), np.empty((slots, 2), np.float64), np.empty(slots, np.int64),
-            np.empty(slots, np.float64), np.empty((slots, 7), np.float64), np.empty(slots, np.int64),
-            np.empty(slots, np.float64), np.empty((slots, 5), np.float32),
+            np.full(cells, kernels.NONE, np.uint32), np.empty(points, np.uint32), np.empty(points, np.uint32),
+            np.empty(points, np.uint8), np.empty(points), np.empty(points), np.empty(slots, np.uint32),
+            np.empty(slots, np.uint32), np.empty(slots), np.empty((slots, 8)), np.empty(slots, np.int64),
+            np.empty(slots), np.empty((slots, 5), np.float32),
         )  # fmt: skip
 
 
@@ -54,14 +56,14 @@ class Reconstructor:
     def aux(self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], grid: Grid) -> tuple[Cells, Values]:
         """Cells (k,) of `grid` that points (n, 3) fell into and their values (k, 5), valid until the next call."""
         assert points.shape == (len(ranges_m), 3) and grid.size == self._cells, (points.shape, grid)
-        points, ranges_m = np.ascontiguousarray(points, np.float64), np.ascontiguousarray(ranges_m)
+        xyz, ranges_m = np.ascontiguousarray(points.T, np.float64), np.ascontiguousarray(ranges_m)
         if len(points) > len(self._workspace.slot_of_point):
             self._workspace = _Workspace.sized(self._cells, len(points))
         w, r, s, (x0, y0), side = self._workspace, self._range_max_m, self._slope_max, grid.origin_m, grid.cell_m
         with self._stage("height"):
-            n = kernels.heights(points, ranges_m, r, x0, y0, side, grid.rows, grid.cols, w, self.dropped)
+            n = kernels.heights(xyz, ranges_m, r, x0, y0, side, grid.rows, grid.cols, w, self.dropped)
         with self._stage("gradients"):
-            kernels.gradients(points, n, side, grid.rows, grid.cols, w)
+            kernels.gradients(xyz[2], n, side, grid.rows, grid.cols, w)
         with self._stage("confidence"):
             kernels.confidences(ranges_m, n, r, w)
         with self._stage("occupation"):
