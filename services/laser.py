@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import sys
-
 from orograph import keys
-from orograph.edge.guard import Guard
+from orograph.edge.briefing import Briefing
+from orograph.edge.guard import Guard, options
 from orograph.edge.participant import take_part
 from orograph.edge.settings import Settings
 from orograph.nodes.fleet import robots_of
 from orograph.nodes.laser import LaserNode
-from orograph.scenario import Scenario
 from orograph.stages import StageRecorder
 
 
-def build(scenario: Scenario, robots: tuple[str, ...]) -> tuple[list[LaserNode], dict[str, StageRecorder]]:
+def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[LaserNode], dict[str, StageRecorder]]:
     """One laser per robot held."""
+    scenario = briefing.scenario
     return [LaserNode(scenario, robot, scenario.seed, robots_of(scenario)) for robot in robots], {}
 
 
 if __name__ == "__main__":
-    take_part(keys.LASER, Settings.from_environment(), Guard(keys.LASER, "--with-parent" in sys.argv), build)
+    guard = Guard(keys.LASER, options(__doc__).parse_args())
+    take_part(keys.LASER, Settings.from_environment(), guard, build)

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import sys
 import time
 import uuid
 
 from orograph import keys
-from orograph.edge.guard import Guard
+from orograph.edge.briefing import Briefing
+from orograph.edge.guard import Guard, options
 from orograph.edge.participant import take_part
 from orograph.edge.settings import Settings
 from orograph.nodes.robot_mapping import RobotMappingNode
-from orograph.scenario import Scenario
 from orograph.stages import StageRecorder
 
 
-def build(scenario: Scenario, robots: tuple[str, ...]) -> tuple[list[RobotMappingNode], dict[str, StageRecorder]]:
+def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[RobotMappingNode], dict[str, StageRecorder]]:
     """One mapper per robot held, with a stage recorder each."""
     stages = {keys.node(keys.MAPPING, robot): StageRecorder(time.perf_counter_ns) for robot in robots}
+    scenario = briefing.scenario
     nodes = [
         RobotMappingNode(scenario, robot, scenario.seed, uuid.uuid4().bytes, stages[keys.node(keys.MAPPING, robot)])
         for robot in robots
@@ -26,4 +26,5 @@ def build(scenario: Scenario, robots: tuple[str, ...]) -> tuple[list[RobotMappin
 
 
 if __name__ == "__main__":
-    take_part(keys.MAPPING, Settings.from_environment(), Guard(keys.MAPPING, "--with-parent" in sys.argv), build)
+    guard = Guard(keys.MAPPING, options(__doc__).parse_args())
+    take_part(keys.MAPPING, Settings.from_environment(), guard, build)

@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 
-from orograph.edge.guard import Guard
+from orograph.edge import metrics
+from orograph.edge.guard import Guard, options
 from orograph.edge.session import open_router
 
 
 def main() -> int:
     """Route until told to stop."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options(__doc__)
     parser.add_argument("--listen", required=True, metavar="ENDPOINT")
     parser.add_argument("--peer", action="append", default=[], metavar="ENDPOINT")
-    parser.add_argument("--with-parent", action="store_true")
-    options = parser.parse_args()
-    guard = Guard("router", options.with_parent)
+    arguments = parser.parse_args()
+    guard = Guard("router", arguments)
     try:
-        router = open_router(options.listen, tuple(options.peer))
+        router = open_router(arguments.listen, tuple(arguments.peer))
     except OSError as error:
         print(f"router: {error}", file=sys.stderr)
         return 1
     with router:
+        guard.alive()
         while not guard.stop.wait(1.0):
             guard.alive()
+            metrics.FIGURES.show({"router": {"transports": len(router.info.transports())}}, {})
     return 0
 
 

@@ -3,31 +3,46 @@
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
 
 from orograph import keys
+from orograph.edge.briefing import Briefing, answer, await_briefing
 from orograph.edge.bus import Bus
 from orograph.edge.clock import Clock
-from orograph.edge.guard import Guard
+from orograph.edge.guard import Guard, options, whole_number
 from orograph.edge.host import NodeHost
 from orograph.edge.recording import Recording
 from orograph.edge.settings import Settings
-from orograph.nodes.fleet import required_nodes, robots_of
+from orograph.nodes.fleet import Muster, robots_of
 from orograph.nodes.world import WorldNode
 
 
 def main() -> None:
     """Run the service until the orchestrator ends the run."""
-    guard = Guard(keys.WORLD, "--with-parent" in sys.argv)
-    settings = Settings.from_environment()
-    scenario = settings.scenario()
-    robots = robots_of(scenario)
+    parser = options(__doc__)
+    parser.add_argument("--start-with", type=whole_number, metavar="N", help="begin with N whole robots (default: all)")
+    arguments = parser.parse_args()
+    guard, settings = Guard(keys.WORLD, arguments), Settings.from_environment()
+    with suppress(InterruptedError), Bus.open(settings.sim, None, guard.stop) as bus:
+        briefing = await_briefing(bus, settings.run_dir, guard)
+        if briefing is not None:
+            answer(bus, briefing)
+            _turn(bus, briefing, guard, arguments.start_with)
+
+
+def _turn(bus: Bus, briefing: Briefing, guard: Guard, start_with: int | None) -> None:
+    scenario, robots = briefing.scenario, robots_of(briefing.scenario)
+    guard.busy()
     node = WorldNode(scenario, robots, scenario.seed)
-    with Recording(settings.run_dir, keys.WORLD) as recording, Bus.open(settings.sim, None, guard.stop) as bus:
+    node.present = set()
+    muster = Muster(robots, start_with or len(robots), node.present)
+    with Recording(briefing.folder, keys.WORLD) as recording:
         host = NodeHost(bus, [node], scenario, recording)
         down = lambda: (robot for robot, up in node.radio_up().items() if not up)  # noqa: E731
-        clock = Clock(bus, host, scenario, guard, ended=lambda: node.ended is not None, down=down)
-        clock.await_start(required_nodes(robots))
+        clock = Clock(bus, host, scenario, guard, ended=lambda: node.ended is not None, down=down, muster=muster)
+        clock.await_start()
         clock.run()
+        guard.busy()
         host.save(keys.WORLD, {})
         recording.save_json("world", {
             "sim_time_s": node.world.stamp_ns * 1e-9, "wall_time_s": clock.wall_time_s,
@@ -38,3 +53,4 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
+    sys.exit(0)

@@ -10,7 +10,7 @@ from orograph import keys
 from orograph.edge.bus import Bus
 from orograph.edge.clock import Clock
 from orograph.edge.host import NodeHost
-from orograph.edge.participant import Participant
+from orograph.edge.participant import Participant, Ticks
 from orograph.edge.recording import Recording
 from orograph.messages import Drive, Envelope, Frame, RunEnd
 from orograph.scenario import Scenario
@@ -55,7 +55,7 @@ class Stop:
     def __init__(self) -> None:
         self.stop = threading.Event()
 
-    def alive(self) -> None:
+    def alive(self, ready: bool = True) -> None:
         pass
 
 
@@ -92,24 +92,29 @@ def _participate(endpoint: str, node: Chatter, guard: Stop, out: Path) -> thread
         with Recording(out, process) as recording, Bus.open(endpoint, None, guard.stop) as bus:
             host = NodeHost(bus, [node], SCENARIO, recording)
             with bus.token("any", node.name.replace("/", "-"), ()):
-                Participant(bus, host, node.name.replace("/", "-"), SCENARIO, guard).run()
+                Participant(bus, host, node.name.replace("/", "-"), SCENARIO, guard, Ticks(bus)).run()
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
     return thread
 
 
-def _clock(bus: Bus, world: Chatter, guard: Stop, recording: Recording, frames: int = FRAMES) -> Clock:
+def _clock(
+    bus: Bus, world: Chatter, guard: Stop, recording: Recording, wanted: Sequence[str], frames: int = FRAMES
+) -> Clock:  # fmt: skip
     host = NodeHost(bus, [world], SCENARIO, recording)
-    return Clock(bus, host, SCENARIO, guard, ended=lambda: world.frames >= frames, down=lambda: ())
+    muster = lambda nodes: set(wanted) - nodes  # noqa: E731
+    return Clock(
+        bus, host, SCENARIO, guard, ended=lambda: world.frames >= frames, down=lambda: (), muster=muster
+    )  # fmt: skip
 
 
 def test_processes_over_zenoh_step_as_one_process_does(endpoint: str, tmp_path: Path) -> None:
     guard, chatters = Stop(), _chatters()
     threads = [_participate(endpoint, chatters[n], guard, tmp_path) for n in NAMES[1:]]
     with Recording(tmp_path, "world") as recording, Bus.open(endpoint, None, guard.stop) as bus:
-        clock = _clock(bus, chatters[keys.WORLD], guard, recording)
-        clock.await_start(NAMES[1:])
+        clock = _clock(bus, chatters[keys.WORLD], guard, recording, NAMES[1:])
+        clock.await_start()
         clock.run()
     for thread in threads:
         thread.join(10)
@@ -124,8 +129,8 @@ def test_who_leaves_is_not_waited_for_and_may_come_back(endpoint: str, tmp_path:
     stays = _participate(endpoint, chatters[keys.MANAGER], guard, tmp_path)
     leaves = _participate(endpoint, chatters[keys.ORCHESTRATOR], leaver, tmp_path)
     with Recording(tmp_path, "world") as recording, Bus.open(endpoint, None, guard.stop) as bus:
-        clock = _clock(bus, chatters[keys.WORLD], guard, recording, frames=10_000_000)
-        clock.await_start([keys.MANAGER, keys.ORCHESTRATOR])
+        clock = _clock(bus, chatters[keys.WORLD], guard, recording, NAMES[1:3], frames=10_000_000)
+        clock.await_start()
         ticking = threading.Thread(target=clock.run, daemon=True)
         ticking.start()
         assert chatters[keys.ORCHESTRATOR].stepped.wait(10)
@@ -171,8 +176,11 @@ def test_the_end_reaches_the_world_as_a_message(endpoint: str, tmp_path: Path) -
     thread = _participate(endpoint, ender, guard, tmp_path)
     with Recording(tmp_path, "world") as recording, Bus.open(endpoint, None, guard.stop) as bus:
         host = NodeHost(bus, [world], SCENARIO, recording)
-        clock = Clock(bus, host, SCENARIO, guard, ended=lambda: world.ended is not None, down=lambda: ())
-        clock.await_start([keys.ORCHESTRATOR])
+        muster = lambda nodes: {keys.ORCHESTRATOR} - nodes  # noqa: E731
+        clock = Clock(
+            bus, host, SCENARIO, guard, ended=lambda: world.ended is not None, down=lambda: (), muster=muster
+        )  # fmt: skip
+        clock.await_start()
         clock.run()
     thread.join(10)
     assert (world.frames, ender.frames, world.ended.complete) == (5, 5, True)

@@ -47,7 +47,9 @@ def run_processes(
         supervisor.start("router-radio", "services.router", "--listen", radio)
         supervisor.start(keys.WORLD, "services.world", essential=True)
         supervisor.start(keys.MANAGER, "services.map_manager")
-        supervisor.start(keys.ORCHESTRATOR, "services.orchestrator")
+        supervisor.start(
+            keys.ORCHESTRATOR, "services.orchestrator", "--run", ".", "--scenario", str(out / "parts" / "scenario.json")
+        )
         for service in keys.ROBOT_SERVICES:
             for i in range(-(-len(robots_of(scenario)) // capacity)):
                 supervisor.start(f"{service}-{i + 1}", f"services.{service.replace('-', '_')}")

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 from orograph import keys
-from orograph.edge import wire
+from orograph.edge import metrics, wire
 from orograph.edge.bus import Bus
 from orograph.mission.membership import Membership
 
@@ -21,15 +21,18 @@ Instance = tuple[str, str]
 
 
 class Claims:
-    """`on_fleet` is told which robots have all their services, whenever that changes once the fleet was whole."""
+    """`on_fleet` is told which robots have all their services, whenever that changes once there were `start_with`."""
 
-    def __init__(self, robots: tuple[str, ...], on_fleet: Callable[[tuple[str, ...]], None]) -> None:
+    def __init__(
+        self, robots: tuple[str, ...], on_fleet: Callable[[tuple[str, ...]], None], start_with: int | None = None
+    ) -> None:
+        self._start_with = len(robots) if start_with is None else start_with
         self._robots, self._on_fleet = robots, on_fleet
         self._table = Membership(robots)
         self._lock = threading.Lock()
         self._proven: set[Instance] = set()
         self._unproven_since_s: dict[Instance, float] = {}
-        self._was_whole = False
+        self._has_begun = False
 
     def attend(self, bus: Bus) -> None:
         """Learn who lives, then answer."""
@@ -47,8 +50,8 @@ class Claims:
                 self._proven.discard((service, instance))
                 self._table.lost(service, instance)
             whole = self._table.complete()
-            self._was_whole |= whole == self._robots
-            if self._was_whole:
+            self._has_begun |= len(whole) >= self._start_with
+            if self._has_begun:
                 self._on_fleet(whole)
 
     def _on_claim(self, payload: bytes) -> bytes:
@@ -59,6 +62,7 @@ class Claims:
             grant = self._table.claim(*claimant, question["capacity"], tuple(question["wanted"]))
             if grant.robots and claimant not in self._proven:
                 self._unproven_since_s.setdefault(claimant, time.monotonic())
+        metrics.CLAIMS.labels("granted" if grant.robots else "refused").inc()
         return wire.pack_plain({"robots": list(grant.robots), "reason": grant.reason})
 
     def _expire(self) -> None:

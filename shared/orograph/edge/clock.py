@@ -20,23 +20,27 @@ log = logging.getLogger("orograph.clock")
 
 
 class Clock:
-    """Drives frames until `ended()`; `down()` names the robots without radio after the frame just stepped."""
+    """Drives frames until `ended()`; `down()` names the robots without radio after the frame just stepped.
+
+    `muster` is told every frame which nodes take part; it returns those that the first frame still waits for.
+    """
 
     def __init__(
         self, bus: Bus, host: NodeHost, scenario: Scenario, guard: Guard,
-        ended: Callable[[], bool], down: Callable[[], Iterable[str]],
+        ended: Callable[[], bool], down: Callable[[], Iterable[str]], muster: Callable[[set[str]], set[str]],
     ) -> None:  # fmt: skip
         self._bus, self._host, self._guard = bus, host, guard
         self._frame_ns, self._scale = scenario.frame_ns, scenario.time_scale
-        self._ended, self._down = ended, down
+        self._ended, self._down, self._muster = ended, down, muster
         self._barrier = Barrier(bus)
         self.frame, self.wall_time_s, self.lost = 0, 0.0, 0
 
-    def await_start(self, required: Iterable[str]) -> None:
-        """Hold frame 0 until all these nodes take part; what is missing is said every few seconds."""
+    def await_start(self) -> None:
+        """Hold frame 0 until all that are needed take part; what is missing is said every few seconds."""
         said_s = time.monotonic()
-        while (missing := self._barrier.await_nodes(required, self._guard.stop)) and not self._guard.stop.is_set():
+        while (missing := self._muster(self._barrier.nodes)) and not self._guard.stop.is_set():
             self._guard.alive()
+            self._barrier.await_nodes(missing, self._guard.stop)
             if time.monotonic() - said_s > 5.0:
                 said_s = time.monotonic()
                 log.info("waiting for %s", ", ".join(sorted(missing)))
@@ -57,6 +61,7 @@ class Clock:
 
     def _turn(self, counted: dict[str, Any], down: frozenset[str]) -> tuple[dict[str, Any], frozenset[str]]:
         lockstep = self._scale == "max"
+        self._muster(self._barrier.nodes)
         tick = {"counted": counted, "down": sorted(down), "lockstep": lockstep, "end": False}
         roster = self._barrier.tick(self.frame, tick)
         frame = Frame(self.frame, self.frame * self._frame_ns, self._frame_ns)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import faulthandler
 import logging
 import os
@@ -10,12 +11,34 @@ import sys
 import threading
 import time
 import traceback
+from pathlib import Path
 from types import TracebackType
 from typing import Any
+
+from orograph.edge import metrics
 
 EXIT_BROKEN = 70
 """EX_SOFTWARE: an exception nobody expected, or a stuck process; the restart policy takes it from here."""
 STUCK_S = 30.0
+READY_EVERY_S = 1.0
+
+
+def options(what: str | None) -> argparse.ArgumentParser:
+    """The command line that all services share; `what` is the service's docstring."""
+    parser = argparse.ArgumentParser(description=what)
+    parser.add_argument("--with-parent", action="store_true", help="end when standard input does")
+    parser.add_argument(
+        "--ready-file", type=Path, metavar="FILE", help="touched every second while the service is well"
+    )
+    parser.add_argument(
+        "--metrics-port", type=metrics.endpoint, metavar="[ADDRESS:]PORT", help="let Prometheus scrape it there"
+    )
+    return parser
+
+
+def whole_number(text: str) -> int | None:
+    """An argument that may be left empty, as an unset variable of compose.yaml leaves it; raises ValueError."""
+    return int(text) if text else None
 
 
 def _die(kind: type[BaseException], error: BaseException | None, trace: TracebackType | None) -> None:
@@ -25,27 +48,41 @@ def _die(kind: type[BaseException], error: BaseException | None, trace: Tracebac
 
 
 class Guard:
-    """Installed once per service process. `stop` is set by SIGTERM and SIGINT; call `alive()` once a frame."""
+    """Installed once per service process, with its `options`. `stop` is set by SIGTERM and SIGINT."""
 
-    def __init__(self, service: str, with_parent: bool) -> None:
+    def __init__(self, service: str, arguments: argparse.Namespace) -> None:
         logging.basicConfig(
             level=logging.INFO, stream=sys.stderr, format=f"%(asctime)s {service} %(levelname)s %(message)s"
         )
         faulthandler.enable()
         self.stop = threading.Event()
         self._seen: float | None = None
+        self._ready_file: Path | None = arguments.ready_file
+        self._ready_s = 0.0
+        if arguments.metrics_port is not None:
+            metrics.serve(*arguments.metrics_port)
         # A live callback subscriber keeps the process after an exception in main: end it for good (zenoh.md 8).
         sys.excepthook = _die
         threading.excepthook = lambda a: _die(a.exc_type, a.exc_value, a.exc_traceback)
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._on_signal)
-        if with_parent:
+        if arguments.with_parent:
             threading.Thread(target=self._follow_parent, daemon=True).start()
         threading.Thread(target=self._watch, daemon=True).start()
 
-    def alive(self) -> None:
-        """Say that the main loop turns; the watchdog begins with the first call."""
+    def alive(self, ready: bool = True) -> None:
+        """Call once a turn of the main loop; the watchdog begins with the first call.
+
+        `ready`: the service does its work, or could at once (a spare), so that its container counts as healthy.
+        """
         self._seen = time.monotonic()
+        if ready and self._ready_file is not None and self._seen - self._ready_s >= READY_EVERY_S:
+            self._ready_s = self._seen
+            self._ready_file.touch()
+
+    def busy(self) -> None:
+        """What follows may take longer than the watchdog's patience; it sleeps until the next `alive()`."""
+        self._seen = None
 
     def _on_signal(self, number: int, frame: Any) -> None:
         self.stop.set()

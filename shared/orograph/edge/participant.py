@@ -7,10 +7,12 @@ import threading
 import time
 import uuid
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from orograph import keys
-from orograph.edge import wire
+from orograph.edge import metrics, wire
+from orograph.edge.briefing import Briefing, await_briefing
 from orograph.edge.bus import Bus
 from orograph.edge.guard import Guard
 from orograph.edge.host import NodeHost
@@ -33,12 +35,14 @@ class Ticks:
     def __init__(self, bus: Bus) -> None:
         self._changed = threading.Condition()
         self._newest: dict[str, Any] | None = None
+        self.ended = False
         bus.hear(keys.TICK, self._on_tick)
 
     def _on_tick(self, payload: bytes) -> None:
         tick = wire.unpack_plain(payload)
         with self._changed:
             self._newest = tick
+            self.ended = self.ended or tick["end"]
             self._changed.notify_all()
 
     def next(self, timeout_s: float) -> dict[str, Any] | None:
@@ -50,13 +54,18 @@ class Ticks:
             return tick
 
 
-def claim(bus: Bus, service: str, instance: str, settings: Settings, stop: threading.Event) -> tuple[str, ...]:
-    """Ask the orchestrator for robots until it grants some; a full fleet leaves this process a spare, said once."""
+def claim(
+    bus: Bus, service: str, instance: str, settings: Settings, guard: Guard, ticks: Ticks
+) -> tuple[str, ...]:  # fmt: skip
+    """Ask the orchestrator for robots until it grants some; a full fleet leaves this process a spare, said once.
+
+    None are had when the run ends before, or this process is told to stop.
+    """
     question = wire.pack_plain(
         {"service": service, "instance": instance, "capacity": settings.capacity, "wanted": list(settings.wanted)}
     )
     said = ""
-    while not stop.is_set():
+    while not guard.stop.is_set() and not ticks.ended:
         reply = bus.ask(keys.CLAIM, question, timeout_s=2.0)
         silence: dict[str, Any] = {"robots": [], "reason": "the orchestrator does not answer yet"}
         grant = wire.unpack_plain(reply) if reply else silence
@@ -65,20 +74,23 @@ def claim(bus: Bus, service: str, instance: str, settings: Settings, stop: threa
         if grant["reason"] != said:
             said = grant["reason"]
             log.info("waiting for a robot: %s", said)
-        stop.wait(CLAIM_EVERY_S)
+        guard.alive(ready=reply is not None)
+        guard.stop.wait(CLAIM_EVERY_S)
     return ()
 
 
 class Participant:
     """Steps hosted nodes at every tick, in lockstep or at the world's pace."""
 
-    def __init__(self, bus: Bus, host: NodeHost, instance: str, scenario: Scenario, guard: Guard) -> None:
+    def __init__(
+        self, bus: Bus, host: NodeHost, instance: str, scenario: Scenario, guard: Guard, ticks: Ticks
+    ) -> None:  # fmt: skip
         self._bus, self._host, self._instance, self._guard = bus, host, instance, guard
         self._frame_ns = scenario.frame_ns
         self._names = [n.name for n in host.nodes]
         self._last: dict[str, Any] = {}
         self._answered_s = 0.0
-        self._ticks = Ticks(bus)
+        self._ticks = ticks
 
     def run(self) -> None:
         """Until the world ends the run or this process is told to stop."""
@@ -107,28 +119,47 @@ class Participant:
         self._bus.tell(keys.done_key(self._instance), wire.pack_plain(payload))
 
 
+Built = tuple[Sequence[Node], dict[str, StageRecorder]]
+"""Nodes of one process, and the stage recorders of some, by node name."""
+
+
 def take_part(
     service: str,
     settings: Settings,
     guard: Guard,
-    build: Callable[[Scenario, tuple[str, ...]], tuple[Sequence[Node], dict[str, StageRecorder]]],
-    attend: Callable[[Bus], None] | None = None,
+    build: Callable[[Briefing, tuple[str, ...]], Built],
+    brief: Callable[[Bus], Briefing | None] | None = None,
 ) -> None:
-    """Run one service process: `build` makes its nodes for the robots it holds, `attend` answers others' queries."""
-    instance = uuid.uuid4().hex
-    scenario = settings.scenario()
+    """Run one service process: `build` makes its nodes for the robots it holds.
+
+    `brief` says what runs, by default by asking; it may answer others' queries as well.
+    """
     on_radio = settings.radio if service in keys.RADIO_SERVICES else None
-    process = f"{service}-{instance[:8]}"
-    with Recording(settings.run_dir, process) as recording, Bus.open(settings.sim, on_radio, guard.stop) as bus:
-        if attend is not None:
-            attend(bus)
-        robots = claim(bus, service, instance, settings, guard.stop) if service in keys.ROBOT_SERVICES else ()
-        if guard.stop.is_set():
+    with suppress(InterruptedError), Bus.open(settings.sim, on_radio, guard.stop) as bus:
+        briefing = brief(bus) if brief is not None else await_briefing(bus, settings.run_dir, guard)
+        if briefing is None:
             return
+        instance, ticks = uuid.uuid4().hex, Ticks(bus)
+        robots: tuple[str, ...] = ()
+        if service in keys.ROBOT_SERVICES:
+            robots = claim(bus, service, instance, settings, guard, ticks)
+            if not robots:
+                return
         # The token first: building nodes may compile for longer than a claim without one lasts.
         with bus.token(service, instance, robots):
-            nodes, stages = build(scenario, robots)
-            host = NodeHost(bus, nodes, scenario, recording)
-            log.info("ready: %s", ", ".join(n.name for n in host.nodes))
-            Participant(bus, host, instance, scenario, guard).run()
-            host.save(process, stages)
+            guard.busy()
+            _follow(service, instance, briefing, bus, guard, ticks, build(briefing, robots))
+
+
+def _follow(
+    service: str, instance: str, briefing: Briefing, bus: Bus, guard: Guard, ticks: Ticks, built: Built
+) -> None:  # fmt: skip
+    nodes, stages = built
+    process = f"{service}-{instance[:8]}"
+    with Recording(briefing.folder, process) as recording:
+        host = NodeHost(bus, nodes, briefing.scenario, recording)
+        metrics.FIGURES.time_stages(stages.values())
+        log.info("ready: %s", ", ".join(n.name for n in host.nodes))
+        Participant(bus, host, instance, briefing.scenario, guard, ticks).run()
+        guard.busy()
+        host.save(process, stages)

@@ -58,9 +58,12 @@ class ScenarioError(ValueError):
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:
-    """The scenario of a folder, a scenario.yaml or a name in ./scenarios; raises ScenarioError with all problems."""
+    """The scenario of a folder, a scenario.yaml or a name in ./scenarios; raises ScenarioError with all problems.
+
+    A .json file holds a resolved scenario, as a run folder's parts do.
+    """
     path = find_scenario(name_or_path)
-    content, lines = _yaml_content(path)
+    content, lines = _resolved_content(path) if path.suffix == ".json" else _yaml_content(path)
     file_of_buildings = _read_buildings(path, content, lines)
     try:
         return Scenario.model_validate(content)
@@ -123,6 +126,18 @@ def _yaml_content(path: Path) -> tuple[dict[str, Any], dict[Loc, int]]:
     if twice:
         raise ScenarioError(twice)
     return content, seen
+
+
+def _resolved_content(path: Path) -> tuple[dict[str, Any], dict[Loc, int]]:
+    try:
+        content = json.loads(_read_text(path))
+    except (RecursionError, ValueError) as error:
+        if isinstance(error, ScenarioError):
+            raise
+        raise ScenarioError([f"{path}: not valid JSON: {error}"]) from None
+    if not isinstance(content, dict):
+        raise ScenarioError([f"{path}: expected an object, found {_found(content)}"])
+    return content, {}
 
 
 def _read_text(path: Path) -> str:

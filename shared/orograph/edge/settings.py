@@ -6,12 +6,10 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from orograph.scenario import Scenario
-
 VARIABLES = {
     "OROGRAPH_SIM": "endpoint of the sim plane's router, tcp/HOST:PORT",
     "OROGRAPH_RADIO": "endpoint of the radio plane's router",
-    "OROGRAPH_RUN_DIR": "run folder; parts/scenario.json in it says what runs",
+    "OROGRAPH_RUN_DIR": "where run folders are, or the run folder itself (the orchestrator says which)",
     "OROGRAPH_CAPACITY": "how many robots one process may hold (default 1)",
     "OROGRAPH_ROBOT": "explicit robot id, instead of whichever is free",
 }
@@ -47,7 +45,3 @@ class Settings:
         """The variables that make a child process read the same settings."""
         values = (self.sim, self.radio, str(self.run_dir), str(self.capacity), "+".join(self.wanted))
         return {**os.environ, **dict(zip(VARIABLES, values, strict=True))}
-
-    def scenario(self) -> Scenario:
-        """The resolved scenario of this run."""
-        return Scenario.model_validate_json((self.run_dir / "parts" / "scenario.json").read_text())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from orograph.messages import ManagerStatus, MappingStatus
 
@@ -22,6 +22,8 @@ class RunPhases:
         self.began_ns: dict[str, int] = {MAPPING: 0}
         self.time_was_up = False
         self.copies_equal = False
+        self.gone: Collection[str] = ()
+        """Robots that nobody waits for: they never came, or their services ended; the caller says who."""
         self._duration_max_ns = duration_max_ns
         self._manager: tuple[int, bytes] = (0, b"")
         self._agreements = dict.fromkeys(robots, 0)
@@ -47,8 +49,9 @@ class RunPhases:
         self._agreements[robot] = self._agreements[robot] + 1 if agrees else 0
 
     def agreed(self) -> bool:
-        """Manager and all robots have named one version and hash, twice in a row."""
-        return min([self._repeats, *self._agreements.values()]) >= AGREEMENTS
+        """Manager and all robots that are waited for have named one version and hash, twice in a row."""
+        awaited = [n for robot, n in self._agreements.items() if robot not in self.gone]
+        return min([self._repeats, *awaited]) >= AGREEMENTS
 
     def step(self, now_ns: int, patrol_finished: bool) -> bool:
         """Go on to the next phase where its time has come; True if it did."""

@@ -11,8 +11,18 @@ def robots_of(scenario: Scenario) -> tuple[str, ...]:
     return tuple(keys.robot_id(i + 1) for i in range(scenario.robots))
 
 
-def required_nodes(robots: tuple[str, ...]) -> list[str]:
-    """Every node but the world itself."""
-    return [
-        keys.MANAGER, keys.ORCHESTRATOR, *(keys.node(service, r) for service in keys.ROBOT_SERVICES for r in robots),
-    ]  # fmt: skip
+class Muster:
+    """Which robots are there: those of which every service takes part. A robot that came stays when a worker dies."""
+
+    def __init__(self, robots: tuple[str, ...], start_with: int, joined: set[str]) -> None:
+        """`joined` gets the robots that came, in place; the first frame waits for `start_with` of them."""
+        self._robots, self._start_with, self._joined = robots, start_with, joined
+
+    def __call__(self, nodes: set[str]) -> set[str]:
+        """Take the nodes that take part now; returns those that the first frame still waits for."""
+        needed = {robot: {keys.node(service, robot) for service in keys.ROBOT_SERVICES} for robot in self._robots}
+        self._joined.update(robot for robot, its in needed.items() if its <= nodes)
+        waited_for = {keys.MANAGER, keys.ORCHESTRATOR}
+        if len(self._joined) < self._start_with:
+            waited_for |= {name for its in needed.values() for name in its}
+        return waited_for - nodes

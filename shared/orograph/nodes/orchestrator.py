@@ -21,7 +21,7 @@ from orograph.messages import (
     RunEnd,
 )
 from orograph.mission.distances import DrivingDistances
-from orograph.mission.orchestrator import HEARD_NS, SECOND_NS, Patrol
+from orograph.mission.orchestrator import HEARD_NS, LOST_AFTER_NS, SECOND_NS, Patrol
 from orograph.mission.phases import END, FLUSH, MAPPING, PHASES, RunPhases
 from orograph.node import Note, Send
 from orograph.scenario import Scenario
@@ -71,6 +71,8 @@ class OrchestratorNode:
         occupation[occupation > 1] = np.nan
         roads = DrivingDistances(occupation.reshape(grid.shape), grid)
         self._patrol = Patrol(self._robots, self._starts_m, self._waypoints_m, roads, frame.stamp_ns)
+        for robot in set(self._robots) - set(self._present):
+            self._patrol.robots[robot].lost = True  # not there yet: nothing is ordered before it speaks
         self._speaks_from_ns = 0 if frame.index == 0 else frame.stamp_ns + LISTEN_NS
         return self._patrol
 
@@ -88,12 +90,17 @@ class OrchestratorNode:
         if self._phases.name == MAPPING and not patrol.finished():
             patrol.review(frame.index + 1, frame.stamp_ns, self._present, note)
             self._orders_at_start = self._orders_at_start or {n: list(r.order) for n, r in patrol.robots.items()}
+        self._phases.gone = self._gone(patrol)
         if self._phases.step(frame.stamp_ns, patrol.finished()):
             note("phase", {"name": self._phases.name})
             if self._phases.name == FLUSH:
                 patrol.recall(frame.index + 1)
             if self._phases.name == END:
                 note("run-end", {"complete": self._phases.complete, "copies_equal": self._phases.copies_equal})
+
+    def _gone(self, patrol: Patrol) -> set[str]:
+        silent = {n for n, r in patrol.robots.items() if self._now_ns - r.heard_ns >= LOST_AFTER_NS}
+        return silent - set(self._present)
 
     def _speak(self, patrol: Patrol, send: Send) -> None:
         for name, robot in patrol.robots.items():

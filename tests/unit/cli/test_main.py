@@ -26,10 +26,10 @@ def test_a_file_that_is_no_scenario(capsys: pytest.CaptureFixture[str], tmp_path
     assert "robots" in message and "patrol" in message
 
 
-@pytest.mark.parametrize("robots", ["0", "3", "-1"])
+@pytest.mark.parametrize("robots", ["0", "11", "-1"])
 def test_a_robot_count_beyond_the_scenarios(capsys: pytest.CaptureFixture[str], tmp_path: Path, robots: str) -> None:
     message = _error(capsys, "run", "scenarios/tiny", "--robots", robots, "--out", str(tmp_path / "run"))
-    assert "1 to 2 robots" in message
+    assert "1 to 10 robots" in message
 
 
 @pytest.mark.parametrize("scale", ["fast", "0", "-2", "nan"])
