@@ -37,6 +37,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def main(args: argparse.Namespace) -> int:
     """Run every number of robots, print the table and say where the page is."""
     from orograph.report.page import render_study  # heavy: only once the input is known to be good
+    from orograph.report.same_cells import same_cells_times_s
     from orograph.report.study import study_rows
 
     asked = load_scenario(args.scenario)
@@ -46,7 +47,7 @@ def main(args: argparse.Namespace) -> int:
     for scenario in scenarios:
         folder = run(scenario, out / f"robots-{scenario.robots}", in_process=args.in_process, quiet=args.quiet)
         summaries.append((folder.name, json.loads((folder / "summary.json").read_text())))
-    rows = study_rows(summaries)
+    rows = study_rows(summaries, same_cells_times_s([out / name for name, _ in summaries]))
     _write(out / "study.html", render_study(asked.title, rows))
     _write(
         out / "study.json", json.dumps({"scenario": asked.name, "rows": [asdict(row) for row in rows]}, indent=2) + "\n"
@@ -79,7 +80,7 @@ def new_folder(out: Path | None, name: str) -> Path:
 
 def table(name: str, rows: list[StudyRow]) -> Table:
     """The paper's Table 3 with ours beside it."""
-    out = Table(title=f"Mapping time on {name} [s of simulation, 95 % of observable cells]")
+    out = Table(title=f"Mapping time on {name} [s of simulation, 95 % of the same cells]")
     for heading in (
         "robots",
         "paper [s]",

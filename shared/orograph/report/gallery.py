@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph import keys
-from orograph.geometry import points_from_ranges, ray_directions, rotation_from_quaternion
+from orograph.geometry import ray_directions, rotation_from_quaternion
 from orograph.grid import Grid
 from orograph.layers import CONFIDENT, CellMap
+from orograph.points import points_from_ranges
 from orograph.report import curves, maps, surfaces
 from orograph.report.axonometric import Relief
 from orograph.report.palette import Picture

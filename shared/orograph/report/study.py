@@ -21,7 +21,7 @@ class StudyRow:
     paper_s: float | None
     paper_speed_up: float | None
     mapping_s: float | None
-    """Until 95 % of the observable cells had confidence 64; None where a run never got there."""
+    """Until 95 % of the same cells for all rows had confidence 64; None where a run never got there."""
     speed_up: float | None
     coverage: float | None
     sim_time_s: float
@@ -34,15 +34,20 @@ class StudyRow:
     """Folder of the run, beside study.json."""
 
 
-def study_rows(summaries: Sequence[tuple[str, Mapping[str, Any]]]) -> list[StudyRow]:
-    """Rows in order of robots from pairs (run folder, summary); speed-ups are against one robot, None without it."""
+def study_rows(
+    summaries: Sequence[tuple[str, Mapping[str, Any]]], times_s: Mapping[int, float | None]
+) -> list[StudyRow]:
+    """Rows in order of robots from pairs (run folder, summary) and the mapping time of each number of robots.
+
+    Speed-ups are against one robot, None without it.
+    """
     ordered = sorted(summaries, key=lambda pair: int(pair[1]["robots"]))
-    times = {int(s["robots"]): s["mapping_time_s"]["95"] for _, s in ordered}
-    return [_row(folder, summary, times.get(1)) for folder, summary in ordered]
+    return [_row(folder, summary, times_s) for folder, summary in ordered]
 
 
-def _row(folder: str, summary: Mapping[str, Any], alone_s: float | None) -> StudyRow:
-    robots, mapping_s = int(summary["robots"]), summary["mapping_time_s"]["95"]
+def _row(folder: str, summary: Mapping[str, Any], times_s: Mapping[int, float | None]) -> StudyRow:
+    robots, alone_s = int(summary["robots"]), times_s.get(1)
+    mapping_s = times_s[robots]
     paper_s = PAPER_TABLE_3_S.get(robots)
     return StudyRow(
         robots=robots,

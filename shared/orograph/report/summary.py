@@ -158,8 +158,12 @@ def _figures(
 
 
 def _mapping_times(parts: RunParts, reference: Reference) -> dict[int, float | None]:
-    first = parts.of(keys.MANAGER).get("first_confident_ns", np.full(parts.glrm_grid.size, -1, np.int64))
-    return mapping_times_s(first, reference.observable)
+    return mapping_times_s(first_confident_ns(parts), reference.observable)
+
+
+def first_confident_ns(parts: RunParts) -> npt.NDArray[np.int64]:
+    """Stamp (rows * cols,) at which each cell first had confidence 64; negative where it never had."""
+    return parts.of(keys.MANAGER).get("first_confident_ns", np.full(parts.glrm_grid.size, -1, np.int64))
 
 
 def _radio(parts: RunParts, ledger: Ledger, robot: str) -> RadioRow:
