@@ -1,4 +1,4 @@
-"""Rotations, the laser's ray directions, and the one place where points are made from ranges.
+"""Rotations, and the laser's ray directions.
 
 `R_a_b` turns a vector of frame b into frame a. Robot frame: x ahead, y left, z up, origin on the ground under the
 body's centre. R = Rz(yaw) Ry(pitch) Rx(roll). The laser sits straight above the origin, axes parallel to the robot's.
@@ -7,12 +7,10 @@ body's centre. R = Rz(yaw) Ry(pitch) Rx(roll). The laser sits straight above the
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-
-from orograph.messages import RANGE_UNIT_M
 
 if TYPE_CHECKING:
     from orograph.scenario import LaserSpec
@@ -78,20 +76,3 @@ def ray_directions(laser: LaserSpec) -> F32:
     x, y = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)
     z = np.broadcast_to(np.sin(elevation), shape)
     return np.stack([x, y, z], axis=-1).astype(np.float32)
-
-
-def points_from_ranges(
-    ranges: npt.NDArray[Any], directions: F32, R_map_robot: F64, laser_position_m: npt.ArrayLike
-) -> tuple[F64, F32]:
-    """Collision points (n, 3) in the map frame and their measured distances (n,) [m] from one range image (u2).
-
-    `laser_position_m` is the laser's origin in the map frame. No-returns (0) are left out.
-    """
-    hit = np.flatnonzero(ranges)
-    ranges_m = np.take(ranges.reshape(-1), hit) * RANGE_UNIT_M
-    x, y, z = (np.take(directions.reshape(-1, 3)[:, axis], hit) * ranges_m for axis in range(3))
-    points = np.empty((len(hit), 3))
-    for axis, at_m in enumerate(np.asarray(laser_position_m, np.float64)):  # no BLAS: its sums differ by processor
-        to_x, to_y, to_z = R_map_robot[axis]
-        points[:, axis] = to_x * x + to_y * y + to_z * z + at_m
-    return points, ranges_m.astype(np.float32)

@@ -11,10 +11,11 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 import pyoctomap
-from orograph.geometry import points_from_ranges, ray_directions, rotation
+from orograph.geometry import ray_directions, rotation
 from orograph.grid import Grid
 from orograph.mapping import FusionRules, RobotMapper
 from orograph.messages import RANGE_UNIT_M
+from orograph.points import points_from_ranges
 from orograph.scenario import LaserSpec
 from orograph.stages import STAGES, StageRecorder
 
@@ -102,7 +103,7 @@ def insert_all(images: list[tuple[npt.NDArray[np.uint16], F64, F64]]) -> list[fl
     tree, directions = pyoctomap.OcTree(OCTOMAP_CELL_M), ray_directions(LASER)
     durations_ms = []
     for image, R, eye_m in images:
-        points, _ = points_from_ranges(image, directions, R, eye_m)
+        points = np.ascontiguousarray(points_from_ranges(image, directions, R, eye_m)[0])
         begin = time.perf_counter()
         tree.insertPointCloud(points, eye_m, LASER.range_max_m)
         durations_ms.append((time.perf_counter() - begin) * 1e3)

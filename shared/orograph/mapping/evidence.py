@@ -14,7 +14,7 @@ import numpy.typing as npt
 from orograph.grid import Grid
 from orograph.mapping.cells import CONFIDENCE, Cells, Ticks, Values, unknown_values
 from orograph.mapping.fusion_kernels import fuse_cells
-from orograph.mapping.rescaling_kernels import blocks_of, expand_blocks, rescale_blocks
+from orograph.mapping.rescaling_kernels import expand_blocks, mark_blocks, rescale_marked
 from orograph.mapping.rules import RuleNumbers
 
 
@@ -31,7 +31,11 @@ class Evidence:
         self.values, self.ticks = unknown_values(hrm_cells**2), np.zeros(hrm_cells**2, np.uint32)
         self.window: tuple[int, int] | None = None
         """GLRM (row, col) of the window's first block; it may hang over the GLRM's edge."""
+        self.stale: npt.NDArray[np.bool_] = np.ones(self.blocks**2, np.bool_)
+        """Blocks of the window that changed since their user last cleared this."""
         self._marked: npt.NDArray[np.bool_] = np.zeros(self.blocks**2, np.bool_)
+        row, col = np.indices((hrm_cells, hrm_cells), np.int32) // per_glrm_cell
+        self._block_of_cell: npt.NDArray[np.int32] = (row * self.blocks + col).reshape(-1)
 
     @property
     def llrm_grid(self) -> Grid:
@@ -61,13 +65,12 @@ class Evidence:
 
     def rescale(self, cells: Cells) -> Cells:
         """Bring the coarse values under these fine cells up to date; returns their GLRM cells, ascending."""
-        blocks = blocks_of(cells, self.blocks * self.factor, self.factor, self._marked)
-        inside, glrm_cells = self._glrm_cells(blocks)
-        blocks, glrm_cells = blocks[inside], glrm_cells[inside]
-        values, ticks = np.empty((len(blocks), 5), np.float32), np.empty(len(blocks), np.uint32)
-        rescale_blocks(self.values, self.ticks, self.blocks * self.factor, self.factor, blocks, values, ticks)
-        self.coarse[glrm_cells], self.coarse_ticks[glrm_cells] = values, ticks
-        return glrm_cells
+        mark_blocks(cells, self._block_of_cell, self._marked, self.stale)
+        touched: Cells = rescale_marked(
+            self.values, self.ticks, self.blocks, self.factor, self.window, self.glrm.shape, self._marked, self.coarse,
+            self.coarse_ticks,
+        )  # fmt: skip
+        return touched
 
     def put(self, glrm_cells: Cells, values: Values, ticks: Ticks) -> None:
         """Set GLRM cells (k,), and the fine cells of those under the window, to coarse values (k, 5) and ticks (k,)."""
@@ -97,7 +100,7 @@ class Evidence:
         side = self.blocks * self.factor
         old_values, old_ticks = self.values.reshape(side, side, 5), self.ticks.reshape(side, side)
         self.values, self.ticks = unknown_values(side**2), np.zeros(side**2, np.uint32)
-        self.window = window
+        self.window, self.stale[:] = window, True
         entered = np.ones((self.blocks, self.blocks), np.bool_)
         if left is not None and max(abs(window[0] - left[0]), abs(window[1] - left[1])) < self.blocks:
             (to_rows, from_rows), (to_cols, from_cols) = (
@@ -114,6 +117,7 @@ class Evidence:
         self._expand(blocks, self.coarse[glrm_cells], self.coarse_ticks[glrm_cells])
 
     def _expand(self, blocks: Cells, values: Values, ticks: Ticks) -> None:
+        self.stale[blocks] = True
         expand_blocks(values, ticks, self.blocks * self.factor, self.factor, blocks, self.values, self.ticks)
 
     def _glrm_cells(self, blocks: Cells) -> tuple[npt.NDArray[np.bool_], Cells]:

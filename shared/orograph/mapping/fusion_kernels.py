@@ -1,4 +1,4 @@
-"""Compiled: the one rule that fuses two cells (mapping.md section 3, Eq. 11-12), over many cells and for planning."""
+"""Compiled: the one rule that fuses two cells (mapping.md section 3, Eq. 11-12), over many cells."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from orograph.messages import OCCUPATION_ONE, UNKNOWN_OCCUPATION
-
 HIGH = 128.0
 """Both at least this confident and still different: the environment has changed (8/16)."""
 CLEAR_DIFFERENCE = 2.0 / 16.0 * 255.0
+AGES_KEPT = 64
+"""Cells of one scan differ in age by whole frames: so many powers are remembered while it is fused."""
 
 
 @njit(cache=True)
@@ -26,7 +26,7 @@ def same_slope(a: float, b: float, tan_similarity: float) -> bool:
     return abs(a - b) <= tan_similarity * (1.0 + a * b)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def weighted(a: float, ca: float, b: float, cb: float) -> float:
     """Eq. 11; a value known on one side only is taken from that side."""
     if math.isnan(a):
@@ -45,7 +45,7 @@ def newer_wins(c_old: float, c_new: float, printed: bool) -> bool:
     return c_new >= c_old
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fuse_pair(old: Any, c_old: float, new: Any, c_new: float, rules: Any) -> Any:
     """(height, gradient_x, gradient_y, occupation, confidence) of two cells, confidences decayed already."""
     h1, gx1, gy1, o1 = np.float64(old[0]), np.float64(old[1]), np.float64(old[2]), np.float64(old[3])
@@ -68,13 +68,13 @@ def fuse_pair(old: Any, c_old: float, new: Any, c_new: float, rules: Any) -> Any
     return weighted(h1, c_old, h2, c_new), gx, gy, occupation, min(255.0, c_old + c_new)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fuse_cells(values: Any, ticks: Any, cells: Any, incoming: Any, incoming_ticks: Any, rules: Any) -> None:
     """Fuse `incoming` (k, 5) of ticks (k,) [ms] into `values` (n, 5) and `ticks` (n,) at `cells` (k,), in place.
 
     The older of two cells decays to the newer one's tick first; of equal ticks the incoming one counts as newer.
     """
-    last_age, decay = np.int64(0), 1.0
+    ages, decays = np.full(AGES_KEPT, -1, np.int64), np.empty(AGES_KEPT)
     for i in range(cells.shape[0]):
         held, came = values[cells[i]], incoming[i]
         age = np.int64(incoming_ticks[i]) - np.int64(ticks[cells[i]])
@@ -84,9 +84,10 @@ def fuse_cells(values: Any, ticks: Any, cells: Any, incoming: Any, incoming_tick
             continue
         if came[4] <= 0.0:
             continue
-        if abs(age) != last_age:
-            last_age = abs(age)
-            decay = 2.0 ** (-last_age / rules.half_life_ms)
+        place = (abs(age) // 100) % AGES_KEPT
+        if ages[place] != abs(age):
+            ages[place], decays[place] = abs(age), 2.0 ** (-abs(age) / rules.half_life_ms)
+        decay = decays[place]
         if age >= 0:
             fused = fuse_pair(held, held[4] * decay, came, np.float64(came[4]), rules)
             ticks[cells[i]] = incoming_ticks[i]
@@ -94,36 +95,3 @@ def fuse_cells(values: Any, ticks: Any, cells: Any, incoming: Any, incoming_tick
             fused = fuse_pair(came, came[4] * decay, held, np.float64(held[4]), rules)
         for layer in range(5):
             held[layer] = fused[layer]
-
-
-@njit(cache=True)
-def occupation_code(occupation: float) -> int:
-    """Occupation in 1/254, halves up; NaN becomes 255."""
-    return UNKNOWN_OCCUPATION if math.isnan(occupation) else math.floor(occupation * OCCUPATION_ONE + 0.5)
-
-
-@njit(cache=True)
-def planning_codes(
-    values: Any, prior: Any, told: Any, glrm_shape: Any, window: Any, factor: int, rules: Any, codes: Any
-) -> None:
-    """Occupation codes (rows, cols) of fine `values` (rows * cols, 5) over coarse `prior`; of `told` where unknown.
-
-    `window` is the (row, col) of the fine map's first block in the coarse maps (cells, 5) of `glrm_shape`.
-    """
-    rows, cols = codes.shape
-    nothing = np.array([np.nan, np.nan, np.nan, np.nan, 0.0], np.float32)
-    for block in range((rows // factor) * (cols // factor)):
-        block_row = block // (cols // factor)
-        block_col = block - block_row * (cols // factor)
-        row, col = window[0] + block_row, window[1] + block_col
-        inside = 0 <= row < glrm_shape[0] and 0 <= col < glrm_shape[1]
-        under = prior[row * glrm_shape[1] + col] if inside else nothing
-        told_code = occupation_code(told[row * glrm_shape[1] + col, 3]) if inside else UNKNOWN_OCCUPATION
-        for r in range(block_row * factor, (block_row + 1) * factor):
-            for c in range(block_col * factor, (block_col + 1) * factor):
-                own = values[r * cols + c]
-                if own[4] <= 0.0:
-                    codes[r, c] = told_code
-                    continue
-                fused = fuse_pair(under, np.float64(under[4]), own, np.float64(own[4]), rules)
-                codes[r, c] = occupation_code(float(np.float32(fused[3])))

@@ -7,19 +7,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from orograph.geometry import F32, F64, points_from_ranges
+from orograph.geometry import F32, F64
 from orograph.grid import Grid
 from orograph.layers import CellMap
 from orograph.mapping.cells import Cells, Given, Values, cut, map_of, unknown_values, values_of
 from orograph.mapping.evidence import Evidence
 from orograph.mapping.fusion import fuse
-from orograph.mapping.fusion_kernels import planning_codes
+from orograph.mapping.planning_kernel import planning_codes
 from orograph.mapping.reconstruction import DROP_REASONS, Reconstructor
+from orograph.mapping.register_kernels import pack_cells
 from orograph.mapping.rescaling import expand, rescale
 from orograph.mapping.rules import SLOPE_MAX, FusionRules
 from orograph.mapping.updates import Held
-from orograph.messages import RECORD, Packed
-from orograph.registers import pack, unpack
+from orograph.messages import RECORD, UNKNOWN_OCCUPATION, Packed
+from orograph.points import points_from_ranges
+from orograph.registers import unpack
 from orograph.stages import Stage, untimed
 
 
@@ -37,6 +39,9 @@ class RobotMapper:
         self._given = map_of(unknown_values(glrm_grid.size), glrm_grid, given)
         self._fine_rules, self._coarse_rules = rules.numbers(slope_max), rules.numbers(None)
         self._acknowledged = Held(glrm_grid.size)
+        self._prior: Values | None = None
+        self._told_codes: npt.NDArray[np.uint8] = np.full(self._evidence.blocks**2, UNKNOWN_OCCUPATION, np.uint8)
+        self._planning: npt.NDArray[np.uint8] = np.empty((hrm_cells, hrm_cells), np.uint8)
 
     def step(
         self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], position_xy_m: npt.ArrayLike, stamp_ns: int
@@ -117,12 +122,17 @@ class RobotMapper:
     def planning_occupation(self, prior: Values, told: Values) -> npt.NDArray[np.uint8]:
         """Occupation (rows, cols) in 1/254, 255 unknown: of `hrm` over `prior`; of `told` where there is no evidence.
 
-        Both are values (cells, 5) of whole GLRMs. `told` may hold this robot's own evidence: it is never fused with it.
+        Both are values (cells, 5) of whole GLRMs; nobody writes into `prior` afterwards, for only what changed since
+        the last call is computed. `told` may hold this robot's own evidence: it is never fused with it.
         """
-        codes = np.empty(self._evidence.grid.shape, np.uint8)
-        glrm, window, factor = self._evidence.glrm, self._evidence.window, self._evidence.factor
-        planning_codes(self._evidence.values, prior, told, glrm.shape, window, factor, self._fine_rules, codes)
-        return codes
+        evidence = self._evidence
+        if prior is not self._prior:
+            self._prior, evidence.stale[:] = prior, True
+        planning_codes(
+            evidence.values, prior, told, evidence.glrm.shape, evidence.window, evidence.factor, self._fine_rules,
+            evidence.stale, self._told_codes, self._planning,
+        )  # fmt: skip
+        return self._planning.copy()
 
     @property
     def acknowledged(self) -> Packed:
@@ -149,6 +159,6 @@ class RobotMapper:
         return cut(glrm, *self._evidence.window, self._evidence.llrm_grid.shape)
 
     def _registers_of(self, cells: Cells) -> Packed:
-        height, gradient_x, gradient_y, occupation, confidence = self._evidence.coarse[cells].T
-        ticks = self._evidence.coarse_ticks[cells]
-        return pack(cells, ticks, height, gradient_x, gradient_y, occupation, confidence)
+        records = np.zeros(len(cells), RECORD)
+        pack_cells(cells, self._evidence.coarse, self._evidence.coarse_ticks, records)
+        return records

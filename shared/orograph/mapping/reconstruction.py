@@ -24,7 +24,7 @@ class _Workspace(NamedTuple):
     sub_cell: npt.NDArray[np.uint8]
     east: npt.NDArray[np.float64]
     north: npt.NDArray[np.float64]
-    cell_of_slot: npt.NDArray[np.uint32]
+    cell_of_slot: npt.NDArray[np.int64]
     count_of_slot: npt.NDArray[np.uint32]
     height: npt.NDArray[np.float64]
     moments: npt.NDArray[np.float64]
@@ -37,7 +37,7 @@ class _Workspace(NamedTuple):
         slots = min(cells, points)
         return cls(
             np.full(cells, kernels.NONE, np.uint32), np.empty(points, np.uint32), np.empty(points, np.uint32),
-            np.empty(points, np.uint8), np.empty(points), np.empty(points), np.empty(slots, np.uint32),
+            np.empty(points, np.uint8), np.empty(points), np.empty(points), np.empty(slots, np.int64),
             np.empty(slots, np.uint32), np.empty(slots), np.empty((slots, 8)), np.empty(slots, np.int64),
             np.empty(slots), np.empty((slots, 5), np.float32),
         )  # fmt: skip

@@ -45,7 +45,8 @@ def locate(
 
     Without a branch, so that it runs on many points at once.
     """
-    xs, ys, zs, kept = xyz[0], xyz[1], xyz[2], 0
+    xs, ys, zs = xyz[0], xyz[1], xyz[2]
+    kept = np.int64(0)
     cell_of_point, sub_cell, east, north = w.cell_of_point, w.sub_cell, w.east, w.north
     for i in range(xs.shape[0]):
         u, v, distance_m = (xs[i] - x0) / cell_m, (ys[i] - y0) / cell_m, ranges_m[i]
@@ -57,8 +58,8 @@ def locate(
         east[i], north[i] = u - 0.5, v - 0.5
         sub_cell[i] = np.int32(v * 4.0) * np.int32(4) + np.int32(u * 4.0)
         cell_of_point[i] = np.uint32(np.int32(row) * np.int32(cols) + np.int32(col)) if good else NONE
-        kept += np.int32(good)
-    return kept
+        kept += np.int64(good)
+    return int(kept)
 
 
 @njit(cache=True)
@@ -97,7 +98,7 @@ def fill_slots(zs: Any, w: Any) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def neighbour_slope(lower: int, own: int, upper: int, height: Any, cell_m: float) -> float:
+def neighbour_slope(lower: Any, own: Any, upper: Any, height: Any, cell_m: float) -> float:
     """Eq. 8-9, centred: the slope along one axis from the slots of both neighbours (or NONE) and the cell's own."""
     if lower == NONE and upper == NONE:
         return math.nan
@@ -160,8 +161,7 @@ def gradients(zs: Any, slots: int, cell_m: float, rows: int, cols: int, w: Any) 
             xz, yz, det = m[4] / n, m[5] / n, (xx * yy - xy * xy) * cell_m
             values[slot, 1], values[slot, 2] = (xz * yy - yz * xy) / det, (yz * xx - xz * xy) / det
         else:
-            cell = np.int64(cell_of_slot[slot])
-            slopes = neighbours_slopes(slot, cell, cell_m, rows, cols, slot_of_cell, height)
+            slopes = neighbours_slopes(slot, cell_of_slot[slot], cell_m, rows, cols, slot_of_cell, height)
             values[slot, 1], values[slot, 2] = slopes
 
 
@@ -182,9 +182,10 @@ def confidences(ranges_m: Any, slots: int, range_max_m: float, w: Any) -> None:
         beyond_m = distance_m - near_m
         weight[slot] += 1.0 - near_fall * distance_m if beyond_m <= 0.0 else 0.8 - far_fall * beyond_m
     for slot in range(slots):
-        pairs = hits[slot] - ((hits[slot] >> 1) & 0x5555)
-        fours = (pairs & 0x3333) + ((pairs >> 2) & 0x3333)
-        hit_sub_cells = ((fours + (fours >> 4)) & 0x0F0F) % 255
+        bits = hits[slot] - ((hits[slot] >> 1) & 0x5555)  # counts in pairs, fours, eights of bits side by side
+        bits = (bits & 0x3333) + ((bits >> 2) & 0x3333)
+        bits = (bits + (bits >> 4)) & 0x0F0F
+        hit_sub_cells = (bits + (bits >> 8)) & 0x1F
         values[slot, 4] = 255.0 * (hit_sub_cells / 16.0) * (weight[slot] / count[slot])
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from orograph.layers import CellMap
 from orograph.mapping.cells import map_of, unknown_values, values_of
-from orograph.mapping.rescaling_kernels import rescale_blocks
+from orograph.mapping.rescaling_kernels import rescale_map
 
 
 def rescale(fine: CellMap, factor: int) -> CellMap:
@@ -15,9 +15,8 @@ def rescale(fine: CellMap, factor: int) -> CellMap:
     Given layers are those of each block's first cell; raises ValueError unless the shape divides.
     """
     grid = fine.grid.coarsened(factor)
-    values, ticks = unknown_values(grid.size), np.zeros(grid.size, np.uint32)
-    no_ticks = np.zeros(fine.grid.size, np.uint32)
-    rescale_blocks(values_of(fine), no_ticks, fine.grid.cols, factor, np.arange(grid.size), values, ticks)
+    values = unknown_values(grid.size)
+    rescale_map(values_of(fine), fine.grid.cols, factor, values)
     firsts = fine.gps_quality[::factor, ::factor], fine.communications[::factor, ::factor]
     return map_of(values, grid, firsts)
 

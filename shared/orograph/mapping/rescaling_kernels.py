@@ -9,36 +9,78 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
-def rescale_blocks(
-    values: Any, ticks: Any, cols: int, factor: int, blocks: Any, coarse: Any, coarse_ticks: Any
-) -> None:
-    """Values (k, 5) and newest ticks (k,) of `blocks` (k,) of factor x factor fine cells of a map of `cols` columns.
+@njit(cache=True, error_model="numpy")
+def rescale_block(values: Any, ticks: Any, cols: int, factor: int, first: int, coarse: Any) -> Any:
+    """Set `coarse` (5,) from the factor x factor fine cells from cell `first` on; returns their newest tick.
 
     Confidence-weighted means over known cells; confidence is the sum over the number of cells.
     """
+    confidence, newest = 0.0, np.uint32(0)
+    height = gradient_x = gradient_y = occupation = 0.0
+    of_height = of_x = of_y = of_occupation = 0.0
+    for row in range(factor):
+        for cell in range(first + row * cols, first + row * cols + factor):
+            c = np.float64(values[cell, 4])
+            if c <= 0.0:
+                continue
+            h, gx, gy, o = values[cell, 0], values[cell, 1], values[cell, 2], values[cell, 3]
+            confidence += c
+            newest = max(newest, ticks[cell])
+            height, of_height = (height, of_height) if math.isnan(h) else (height + c * h, of_height + c)
+            gradient_x, of_x = (gradient_x, of_x) if math.isnan(gx) else (gradient_x + c * gx, of_x + c)
+            gradient_y, of_y = (gradient_y, of_y) if math.isnan(gy) else (gradient_y + c * gy, of_y + c)
+            if not math.isnan(o):
+                occupation, of_occupation = occupation + c * o, of_occupation + c
+    coarse[0], coarse[1] = height / of_height, gradient_x / of_x  # 0 / 0: unknown in every cell
+    coarse[2], coarse[3] = gradient_y / of_y, occupation / of_occupation
+    coarse[4] = confidence / (factor * factor)
+    return newest
+
+
+@njit(cache=True)
+def rescale_map(values: Any, cols: int, factor: int, coarse: Any) -> None:
+    """Values (k, 5) of all blocks of a map (n, 5) of `cols` columns, row by row."""
+    no_ticks = np.zeros(values.shape[0], np.uint32)
     block_cols = cols // factor
-    total, weight = np.empty(4), np.empty(4)
-    for i in range(blocks.shape[0]):
-        first = (blocks[i] // block_cols) * factor * cols + (blocks[i] % block_cols) * factor
-        total[:], weight[:] = 0.0, 0.0
-        confidence, newest = 0.0, np.uint32(0)
-        for row in range(factor):
-            for cell in range(first + row * cols, first + row * cols + factor):
-                own = values[cell]
-                c = np.float64(own[4])
-                if c <= 0.0:
-                    continue
-                confidence += c
-                newest = max(newest, ticks[cell])
-                for layer in range(4):
-                    if not math.isnan(own[layer]):
-                        total[layer] += c * own[layer]
-                        weight[layer] += c
-        for layer in range(4):
-            coarse[i, layer] = total[layer] / weight[layer] if weight[layer] > 0.0 else math.nan
-        coarse[i, 4] = confidence / (factor * factor)
-        coarse_ticks[i] = newest
+    for block in range(coarse.shape[0]):
+        first = (block // block_cols) * factor * cols + (block % block_cols) * factor
+        rescale_block(values, no_ticks, cols, factor, first, coarse[block])
+
+
+@njit(cache=True)
+def mark_blocks(cells: Any, block_of_cell: Any, marked: Any, marked_too: Any) -> None:
+    """Mark the blocks of fine `cells` (k,) in two masks (blocks,)."""
+    for i in range(cells.shape[0]):
+        block = block_of_cell[cells[i]]
+        marked[block] = marked_too[block] = True
+
+
+@njit(cache=True)
+def rescale_marked(
+    values: Any, ticks: Any, blocks: int, factor: int, window: Any, glrm_shape: Any, marked: Any, coarse: Any,
+    coarse_ticks: Any,
+) -> Any:  # fmt: skip
+    """Bring the coarse cells under `marked` (blocks * blocks,) up to date, in place; returns them, ascending.
+
+    `window` is the GLRM (row, col) of the fine map's first block. All marks are cleared; blocks outside the GLRM have
+    no coarse cell.
+    """
+    touched, count, cols = np.empty(marked.shape[0], np.int64), 0, blocks * factor
+    for block in range(marked.shape[0]):
+        if not marked[block]:
+            continue
+        marked[block] = False
+        block_row = block // blocks
+        block_col = block - block_row * blocks
+        row, col = window[0] + block_row, window[1] + block_col
+        if not (0 <= row < glrm_shape[0] and 0 <= col < glrm_shape[1]):
+            continue
+        cell = row * glrm_shape[1] + col
+        first = block_row * factor * cols + block_col * factor
+        coarse_ticks[cell] = rescale_block(values, ticks, cols, factor, first, coarse[cell])
+        touched[count] = cell
+        count += 1
+    return touched[:count]
 
 
 @njit(cache=True)
@@ -51,15 +93,3 @@ def expand_blocks(coarse: Any, coarse_ticks: Any, cols: int, factor: int, blocks
             for cell in range(first + row * cols, first + row * cols + factor):
                 values[cell] = coarse[i]
                 ticks[cell] = coarse_ticks[i]
-
-
-@njit(cache=True)
-def blocks_of(cells: Any, cols: int, factor: int, marked: Any) -> Any:
-    """The blocks that hold `cells`, ascending; `marked` (blocks,) is all False before and after."""
-    block_cols = cols // factor
-    for i in range(cells.shape[0]):
-        row = cells[i] // cols
-        marked[row // factor * block_cols + (cells[i] - row * cols) // factor] = True
-    blocks = np.flatnonzero(marked)
-    marked[blocks] = False
-    return blocks

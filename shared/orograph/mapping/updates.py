@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from orograph.mapping.update_kernel import moved_enough
+from orograph.mapping.register_kernels import moved_enough
 from orograph.messages import RECORD, Packed
 
 VALUE_FIELDS = ("tick", "height", "gradient_x", "gradient_y", "occupation", "confidence")

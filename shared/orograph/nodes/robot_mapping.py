@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -35,6 +36,8 @@ from orograph.scene.prior import given_layers, prior_records
 from orograph.stages import Stage, untimed
 
 STATUS_NS = 1_000_000_000
+BACKLOG_KEPT = 100_000
+"""So many seconds of the backlog's course are kept for the report, the newest: more than a day."""
 GLOBAL_MAP_NS = 2_000_000_000
 POSE_WAIT_FRAMES = 5
 """A scan whose pose has not come for so long is skipped."""
@@ -61,6 +64,7 @@ class RobotMappingNode:
         self._flushing = self._flushed = False
         self._scans = 0
         self._now_ns = self._status_due_ns = self._global_map_due_ns = 0
+        self._backlog: deque[tuple[int, int]] = deque(maxlen=BACKLOG_KEPT)
         self._told: tuple[int, ...] = ()
         self._prior_values = self._told_values = values_of(self._prior)
 
@@ -162,6 +166,7 @@ class RobotMappingNode:
 
     def _status(self) -> MappingStatus:
         copy, waiting = self._sync.copy, self._sync.waiting_cells
+        self._backlog.append((self._now_ns, waiting))
         copy_hash = copy.hash() if self._flushing else b""
         return MappingStatus(self._now_ns, self._flushed, waiting, copy.version, copy_hash)
 
@@ -177,13 +182,17 @@ class RobotMappingNode:
         }
 
     def artifacts(self) -> Mapping[str, npt.NDArray[Any]]:
-        """HRM (evidence over prior) now and before the first scan, registers and acknowledged (RECORD), copy (CELL)."""
+        """HRM (evidence over prior) now and before the first scan, registers and acknowledged (RECORD), copy (CELL).
+
+        `backlog` (n, 2) int64: every second its stamp [ns] and how many cells waited for their acknowledgement.
+        """
         return {
             **self._hrm_artifacts(),
             "registers": self._mapper.registers(),
             "acknowledged": self._mapper.acknowledged,
             "copy": self._sync.copy.cells,
             "scans": np.array(self._scans, np.int64),
+            "backlog": np.array(self._backlog, np.int64).reshape(-1, 2),
         }
 
     def _hrm_artifacts(self) -> dict[str, npt.NDArray[Any]]:

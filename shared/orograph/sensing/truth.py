@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from embreex.rtcore import EmbreeDevice
 
-from orograph.geometry import points_from_ranges
 from orograph.grid import Grid
 from orograph.layers import Layer
+from orograph.points import points_from_ranges
 from orograph.scene import Scene
 from orograph.scene.mesh import joined
 from orograph.scene.prior import COVERED

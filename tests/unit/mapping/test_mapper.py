@@ -10,8 +10,9 @@ from orograph.grid import Grid
 from orograph.layers import MAPPED_LAYERS, CellMap
 from orograph.mapping import FusionRules, RobotMapper, fuse, reconstruct, rescale
 from orograph.mapping.cells import values_of
+from orograph.mapping.register_kernels import pack_cells
 from orograph.mapping.rescaling import expand
-from orograph.messages import OCCUPATION_ONE, ROW_RECORD, UNKNOWN_OCCUPATION, Packed
+from orograph.messages import OCCUPATION_ONE, RECORD, ROW_RECORD, UNKNOWN_OCCUPATION, Packed
 from orograph.registers import pack
 from orograph.scenario import LaserSpec
 from orograph.stages import StageRecorder
@@ -260,6 +261,38 @@ def test_planning_sees_the_hrms_occupation_and_elsewhere_what_the_robot_was_told
         np.isnan(occupation), UNKNOWN_OCCUPATION, np.floor(np.nan_to_num(occupation) * OCCUPATION_ONE + 0.5)
     )
     np.testing.assert_array_equal(codes, wanted)
+
+
+def test_planning_hears_of_every_change_though_only_what_changed_is_computed():
+    """Scans, rolling, adoption, another prior and other news: as a mapper's first answer would be."""
+    rng = np.random.default_rng(11)
+    maps = [values_of(prior_map(rng)) for _ in range(6)]
+    robot, first, changed = mapper(), None, 0
+    for k in range(24):
+        at = (12.0 + 9.0 * (k // 8), 12.0 + 6.0 * (k // 12))
+        see(robot, rng.uniform([at[0] - 6, at[1] - 6, 0], [at[0] + 6, at[1] + 6, 3], (20, 3)), at, k * SECOND_NS)
+        if k % 5 == 4:
+            robot.adopt(rows(pack(np.arange(42), 1, *values_of(prior_map(rng)).T)), fuse=k % 2 == 0)
+        prior, told = maps[k // 10], maps[3 + k // 3 % 3]
+        codes = robot.planning_occupation(prior, told)
+        afresh = robot.planning_occupation(prior.copy(), told.copy())
+        np.testing.assert_array_equal(codes, afresh, err_msg=f"scan {k}")
+        changed += first is not None and not np.array_equal(codes, first)
+        first = codes
+    assert changed == 23
+
+
+def test_compiled_registers_equal_the_packed_ones():
+    """Halves, bounds, unknowns and fractions; cells in any order."""
+    rng = np.random.default_rng(12)
+    values = rng.uniform([-40, -5, -5, 0, 0], [40, 5, 5, 1, 255], (500, 5)).astype(np.float32)
+    values[:6, 0] = 0.0625, -0.0625, 3e6, -3e6, 0.5, -0.5
+    values[6:9, 4] = 0.25, 0.5, 254.5
+    values[10:40:3, 1], values[10:40:2, 2], values[10:60:4, 3] = np.nan, np.nan, np.nan
+    cells, ticks = rng.permutation(500)[:300], rng.integers(0, 2**32, 500).astype(np.uint32)
+    found = np.zeros(300, RECORD)
+    pack_cells(cells, values, ticks, found)
+    np.testing.assert_array_equal(found, pack(cells, ticks[cells], *values[cells].T))
 
 
 def test_a_range_image_is_mapped_as_its_points():

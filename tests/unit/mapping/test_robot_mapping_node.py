@@ -136,6 +136,19 @@ def test_without_radio_it_maps_on_and_catches_up():
     assert len(round_.manager.artifacts()["registers"]) == len(round_.node.artifacts()["registers"]) >= waiting
 
 
+def test_the_backlog_is_what_each_status_said():
+    round_ = Round()
+    round_.radio = False
+    round_.run(60)
+    round_.radio = True
+    round_.flush()
+    told = [(s.stamp_ns, s.waiting_cells) for s in of(MappingStatus, round_.sent)]
+    backlog = round_.node.artifacts()["backlog"]
+    assert backlog.dtype == np.int64 and list(map(tuple, backlog.tolist())) == told
+    assert max(backlog[:, 1]) > 10 and backlog[-1, 1] == 0
+    assert Round().node.artifacts()["backlog"].shape == (0, 2)
+
+
 def test_a_standing_robot_does_not_send_the_same_again_and_again():
     round_ = Round()
     round_.run(100)

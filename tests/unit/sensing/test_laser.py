@@ -10,8 +10,9 @@ import sys
 
 import numpy as np
 import pytest
-from orograph.geometry import points_from_ranges, quaternion, ray_directions, rotation
+from orograph.geometry import quaternion, ray_directions, rotation
 from orograph.messages import RANGE_UNIT_M
+from orograph.points import points_from_ranges
 from orograph.scene import build_scene
 from orograph.sensing import Laser
 from orograph.sensing.laser import laser_position_m

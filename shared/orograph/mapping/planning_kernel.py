@@ -1,0 +1,51 @@
+"""Compiled: what planning is told of the HRM, block by block and only where it changed."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from orograph.mapping.fusion_kernels import fuse_pair
+from orograph.messages import OCCUPATION_ONE, UNKNOWN_OCCUPATION
+
+
+@njit(cache=True)
+def occupation_code(occupation: float) -> int:
+    """Occupation in 1/254, halves up; NaN becomes 255."""
+    return UNKNOWN_OCCUPATION if math.isnan(occupation) else math.floor(occupation * OCCUPATION_ONE + 0.5)
+
+
+@njit(cache=True, error_model="numpy")
+def planning_codes(
+    values: Any, prior: Any, told: Any, glrm_shape: Any, window: Any, factor: int, rules: Any, stale: Any,
+    told_codes: Any, codes: Any,
+) -> None:  # fmt: skip
+    """Occupation codes (rows, cols) of fine `values` (rows * cols, 5) over coarse `prior`; of `told` where unknown.
+
+    `window` is the (row, col) of the fine map's first block in the coarse maps (cells, 5) of `glrm_shape`. Only blocks
+    that are `stale` (blocks,), or whose code in `told_codes` (blocks,) is another now, are made anew; both are brought
+    up to date in place.
+    """
+    cols = codes.shape[1]
+    nothing = np.array([np.nan, np.nan, np.nan, np.nan, 0.0], np.float32)
+    for block in range(stale.shape[0]):
+        block_row = block // (cols // factor)
+        block_col = block - block_row * (cols // factor)
+        row, col = window[0] + block_row, window[1] + block_col
+        inside = 0 <= row < glrm_shape[0] and 0 <= col < glrm_shape[1]
+        told_code = occupation_code(told[row * glrm_shape[1] + col, 3]) if inside else UNKNOWN_OCCUPATION
+        if not stale[block] and told_codes[block] == told_code:
+            continue
+        stale[block], told_codes[block] = False, told_code
+        under = prior[row * glrm_shape[1] + col] if inside else nothing
+        for r in range(block_row * factor, (block_row + 1) * factor):
+            for c in range(block_col * factor, (block_col + 1) * factor):
+                own = values[r * cols + c]
+                if own[4] <= 0.0:
+                    codes[r, c] = told_code
+                    continue
+                fused = fuse_pair(under, np.float64(under[4]), own, np.float64(own[4]), rules)
+                codes[r, c] = occupation_code(float(np.float32(fused[3])))
