@@ -15,11 +15,6 @@ def _summary(out: Path) -> dict:
     return json.loads((out / "summary.json").read_text())
 
 
-@pytest.fixture(scope="module")
-def in_process(tmp_path_factory: pytest.TempPathFactory) -> dict:
-    return _summary(run(TINY, tmp_path_factory.mktemp("a") / "run", in_process=True, quiet=True))
-
-
 def test_a_mission_ends_with_one_map_and_nothing_lost(in_process: dict) -> None:
     assert in_process["complete"] and in_process["copies_hash_equal"] and in_process["cells_lost"] == 0
     assert in_process["cells_acked"] > 100 and in_process["glrm_is_own_fold"]

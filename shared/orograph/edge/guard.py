@@ -19,7 +19,8 @@ from orograph.edge import metrics
 
 EXIT_BROKEN = 70
 """EX_SOFTWARE: an exception nobody expected, or a stuck process; the restart policy takes it from here."""
-STUCK_S = 30.0
+STUCK_S = 90.0
+"""Longer than a first start's compiling of kernels on a small machine."""
 READY_EVERY_S = 1.0
 
 
