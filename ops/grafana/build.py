@@ -177,8 +177,9 @@ CLUSTER: Rows = {
     "Zenoh": (
         graph("Links of a service", "sum by (job, plane) (orograph_zenoh_transports)", "{{job}} {{plane}}"),
         graph("Links of a router", "max by (job) (orograph_router_transports)", "{{job}}"),
-        graph("Wait for a frame's messages, 95 %", quantile(0.95, "orograph_wait_duration_seconds", "job"), "{{job}}",
-              "s"),
+        graph("Time of a process", f"avg by (job) (rate(orograph_step_duration_seconds_sum[{RATE}]))",
+              "{{job}} steps", "percentunit",
+              (f"avg by (job) (rate(orograph_wait_duration_seconds_sum[{RATE}]))", "{{job}} waits for messages")),
         graph("Bytes sent", "job_plane:orograph_sent_bytes:rate30s", "{{job}} {{plane}}", "Bps"),
         graph("Bytes received", f"sum by (job, plane) (rate(orograph_received_bytes_total[{RATE}]))",
               "{{job}} {{plane}}", "Bps"),

@@ -13,6 +13,8 @@ import pytest
 from orograph import keys
 from orograph.cli.in_process import build_rounds
 from orograph.edge import metric_names, metrics, wire
+from orograph.edge.bus import Bus
+from orograph.edge.mailbox import Mailbox
 from orograph.edge.metric_names import TELEMETRY, Metric, label_of, place
 from orograph.edge.metrics import Figures
 from orograph.edge.recording import Recording
@@ -237,3 +239,33 @@ def test_a_row_has_one_label_of_its_own() -> None:
         for row, metric in table.items():
             assert (label_of(row) is not None) == ("{" in row)
             assert not metric.known or label_of(row)
+
+
+def test_counters_of_a_process_are_there_before_they_count() -> None:
+    bus, scenario = Bus({}), load_scenario("scenarios/tiny")
+    figures = metrics.process_figures(1_500_000_000, scenario, ["laser/robot_001", "laser/robot_002"], Mailbox(), bus)
+    assert figures["simulation_s"] == 1.5 and figures["robots_held"] == 2
+    assert (figures["lost"], figures["overflowed"], figures["skipped"]) == (0, 0, 0)
+    told = Figures()
+    told.show({}, figures)
+    exported = samples(told)
+    assert exported["orograph_figures_unnamed", ()] == 0
+    assert exported["orograph_sent_bytes_total", (("plane", "radio"),)] == 0
+
+
+def test_bytes_are_summed_by_plane_and_refusals_counted() -> None:
+    bus, mailbox = Bus({}), Mailbox()
+    bus.bytes_sent.update({("radio", "map-manager", "a"): 5, ("radio", "x", "b"): 7, ("sim", "world", "a"): 11})
+    mailbox.add("og/radio/nonsense", b"")
+    mailbox.add("og/radio/map-manager/-/Batch/robot-mapping/robot_001", b"short")
+    figures = metrics.process_figures(0, load_scenario("scenarios/tiny"), ["world"], mailbox, bus)
+    assert (figures["sent_bytes_radio"], figures["sent_bytes_sim"]) == (12, 11)
+    assert figures["received_bytes_radio"] == 5 and figures["robots_held"] == 0
+    told = Figures()
+    told.show({}, figures)
+    rejected = {
+        labels[0][1]: n
+        for (name, labels), n in samples(told).items()
+        if name == "orograph_mailbox_rejected_messages_total"
+    }
+    assert rejected["key"] == 1 and sum(rejected.values()) == 2

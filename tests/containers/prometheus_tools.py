@@ -1,0 +1,130 @@
+"""Prometheus and promtool as this machine has them: Debian's package on the path, else the image of compose.yaml."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import time
+import urllib.error
+import urllib.parse
+import urllib.request
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[2]
+OPS = ROOT / "ops/prometheus"
+LABEL = "orograph.test=watch"
+START_S = 60.0
+
+
+def image() -> str:
+    """Prometheus's image as compose.yaml names it."""
+    return str(yaml.safe_load((ROOT / "compose.yaml").read_text())["services"]["prometheus"]["image"])
+
+
+def command(name: str, mounts: Sequence[Path] = (), cidfile: Path | None = None) -> list[str]:
+    """Start of a command line that runs `prometheus` or `promtool`; fails where neither form is to be had."""
+    if (found := shutil.which(name)) is not None:
+        return [found]
+    docker = shutil.which("docker")
+    if docker is None or subprocess.run([docker, "image", "inspect", image()], capture_output=True).returncode:
+        pytest.fail(f"neither {name} on the path nor the image {image()}: run ops/offline-images prometheus")
+    binds = [option for path in (OPS, *mounts) for option in ("--volume", f"{path}:{path}")]
+    return [
+        docker, "run", "--rm", "--interactive", "--label", LABEL, "--network", "host",
+        "--user", f"{os.getuid()}:{os.getgid()}", "--workdir", str(OPS), "--entrypoint", f"/bin/{name}", *binds,
+        *(["--cidfile", str(cidfile)] if cidfile else []), image(),
+    ]  # fmt: skip
+
+
+def promtool(*arguments: str, stdin: str = "", mounts: Sequence[Path] = ()) -> subprocess.CompletedProcess[str]:
+    """Run promtool in ops/prometheus."""
+    return subprocess.run(
+        [*command("promtool", mounts), *arguments], cwd=OPS, input=stdin, capture_output=True, text=True, timeout=120
+    )
+
+
+class Prometheus:
+    """A running server's HTTP API."""
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+
+    def ask(self, path: str, **parameters: str) -> Any:
+        """The `data` of an answer; raises AssertionError with Prometheus's own words for a refused query."""
+        query = urllib.parse.urlencode(parameters)
+        try:
+            with urllib.request.urlopen(f"{self._url}/api/v1/{path}?{query}", timeout=10) as answer:
+                return json.load(answer)["data"]
+        except urllib.error.HTTPError as error:
+            raise AssertionError(f"{parameters}: {error.read().decode()}") from None
+
+    def query(self, expression: str) -> list[dict[str, Any]]:
+        """The samples of an expression now."""
+        result: list[dict[str, Any]] = self.ask("query", query=expression)["result"]
+        return result
+
+    def ready(self) -> bool:
+        """Whether it serves."""
+        try:
+            with urllib.request.urlopen(f"{self._url}/-/ready", timeout=5) as answer:
+                return bool(answer.status == 200)
+        except OSError:
+            return False
+
+
+def free_port() -> int:
+    """A loopback port nobody listens on."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def local_config(targets: Mapping[str, Sequence[str]], own: str) -> dict[str, Any]:
+    """The checked-in configuration with DNS replaced by loopback targets (job -> addresses), scraping each second."""
+    config: dict[str, Any] = yaml.safe_load((OPS / "prometheus.yml").read_text())
+    config["global"] = {"scrape_interval": "1s", "evaluation_interval": "1s"}
+    config["rule_files"] = [str(OPS / "rules/*.yml")]
+    jobs = [job["job_name"] for job in config["scrape_configs"]]
+    assert set(targets) == set(jobs) - {"prometheus"}, (sorted(targets), jobs)
+    everywhere = {**targets, "prometheus": [own]}
+    config["scrape_configs"] = [{"job_name": j, "static_configs": [{"targets": list(everywhere[j])}]} for j in jobs]
+    return config
+
+
+@contextmanager
+def running(targets: Mapping[str, Sequence[str]], folder: Path) -> Iterator[Prometheus]:
+    """A Prometheus that scrapes these targets, on a loopback port, ended with the block."""
+    own = f"127.0.0.1:{free_port()}"
+    (folder / "prometheus.yml").write_text(yaml.safe_dump(local_config(targets, own)))
+    cidfile, log = folder / "cid", folder / "prometheus.log"
+    line = [
+        *command("prometheus", [folder], cidfile), f"--config.file={folder / 'prometheus.yml'}",
+        f"--storage.tsdb.path={folder / 'tsdb'}", f"--web.listen-address={own}", "--log.level=warn",
+    ]  # fmt: skip
+    with log.open("wb") as out:
+        process = subprocess.Popen(line, stdin=subprocess.DEVNULL, stdout=out, stderr=out)
+    try:
+        server = Prometheus(f"http://{own}")
+        deadline_s = time.monotonic() + START_S
+        while not server.ready():
+            assert process.poll() is None and time.monotonic() < deadline_s, log.read_text()
+            time.sleep(0.1)
+        yield server
+    finally:
+        process.terminate()
+        try:
+            process.wait(15)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        if cidfile.exists():
+            subprocess.run(["docker", "rm", "--force", cidfile.read_text()], capture_output=True)
