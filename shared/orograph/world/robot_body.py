@@ -1,10 +1,12 @@
-"""One skid-steer robot as a DART skeleton: a box on four wheels, each with a motor of its own.
+"""One skid-steer robot as a DART skeleton: one rigid body, a box on four spheres.
 
-A wheel touches the ground as a sphere: one contact, no edge to catch on the mesh. Friction is Coulomb's, equal in
-all directions, so the robot turns by slipping sideways, as a skid-steer does.
+A wheel touches the ground as a sphere: one contact, no edge to catch on the mesh, and without friction in DART: the
+spin of the wheels and their grip on the ground are `tyres.py`.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import dartpy as dart
 import numpy as np
@@ -15,15 +17,13 @@ from orograph.world.ground import isometry
 
 F64 = npt.NDArray[np.float64]
 
-WHEEL_FRICTION = 0.8
-"""Rubber on dry asphalt."""
+WHEEL_FRICTION = 0.0
 CHASSIS_FRICTION = 0.3
 WHEEL_MASS_SHARE = 0.03
 CLEARANCE_OF_RADIUS = 0.75
 """Ground clearance under the chassis as a share of the wheel radius."""
 AXLE_INERTIA_KGM2 = 0.05
 """Of one wheel about its axle, its motor's rotor as seen through the gear included."""
-FREE_DOFS = 6
 WHEELS = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 """Order of the wheels, as signs of (x, y): front left, front right, rear left, rear right."""
 
@@ -35,12 +35,11 @@ class RobotBody:
         self.skeleton = dart.dynamics.Skeleton(name)
         self._joint, self._chassis = self.skeleton.createFreeJointAndBodyNodePair()
         self._add_chassis(spec)
-        for signs in WHEELS:
-            self._add_wheel(spec, signs)
+        for hub_m in _hubs_m(spec):
+            self._add_shape(dart.dynamics.SphereShape(spec.wheel_radius_m), hub_m, WHEEL_FRICTION)
 
     def place(self, R_map_robot: F64, position_m: npt.ArrayLike) -> None:
-        """Put it there, at rest, wheels unturned."""
-        self.skeleton.resetPositions()
+        """Put it there, at rest."""
         self._joint.setTransform(isometry(R_map_robot, position_m))
         self.halt()
 
@@ -61,35 +60,38 @@ class RobotBody:
         """Velocity (3,) of the origin in the map frame."""
         return np.array(self._chassis.getLinearVelocity())
 
-    def wheel_angles_rad(self) -> F64:
-        """Turned angles (4,) of the wheels since the robot was placed."""
-        return np.array(self.skeleton.getPositions()[FREE_DOFS:])
-
     def _add_chassis(self, spec: RobotSpec) -> None:
         length, width, height = spec.size_m
         clearance = CLEARANCE_OF_RADIUS * spec.wheel_radius_m
         box = dart.dynamics.BoxShape([length, width, height - clearance])
-        centre_m = np.array([0.0, 0.0, 0.5 * (clearance + height)])
-        mass_kg = spec.mass_kg * (1 - 4 * WHEEL_MASS_SHARE)
+        self._add_shape(box, [0.0, 0.0, 0.5 * (clearance + height)], CHASSIS_FRICTION)
         # Batteries and motors sit low: a third up the box.
-        centre_of_mass_m = np.array([0.0, 0.0, clearance + (height - clearance) / 3])
-        self._chassis.setInertia(_inertia(mass_kg, box.computeInertiaFromMass(mass_kg), centre_of_mass_m))
-        node = self._chassis.createShapeNode(box)
+        box_com_m, box_kg = clearance + (height - clearance) / 3, spec.mass_kg * (1 - 4 * WHEEL_MASS_SHARE)
+        com_m = (box_kg * box_com_m + (spec.mass_kg - box_kg) * spec.wheel_radius_m) / spec.mass_kg
+        moment_kgm2 = box.computeInertiaFromMass(box_kg) + _of_points(
+            [box_kg] + 4 * [WHEEL_MASS_SHARE * spec.mass_kg],
+            [np.array([0.0, 0.0, box_com_m - com_m])] + [hub - [0.0, 0.0, com_m] for hub in _hubs_m(spec)],
+        )
+        self._chassis.setInertia(_inertia(spec.mass_kg, moment_kgm2, np.array([0.0, 0.0, com_m])))
+
+    def _add_shape(self, shape: dart.dynamics.Shape, centre_m: npt.ArrayLike, friction: float) -> None:
+        node = self._chassis.createShapeNode(shape)
         node.setRelativeTranslation(centre_m)
         node.createCollisionAspect()
-        node.createDynamicsAspect().setFrictionCoeff(CHASSIS_FRICTION)
+        node.createDynamicsAspect().setFrictionCoeff(friction)
 
-    def _add_wheel(self, spec: RobotSpec, signs: tuple[int, int]) -> None:
-        joint, wheel = self.skeleton.createRevoluteJointAndBodyNodePair(self._chassis)
-        hub_m = (0.5 * signs[0] * spec.wheelbase_m, 0.5 * signs[1] * spec.track_m, spec.wheel_radius_m)
-        joint.setTransformFromParentBodyNode(isometry(np.eye(3), hub_m))
-        joint.setAxis([0.0, 1.0, 0.0])
-        sphere = dart.dynamics.SphereShape(spec.wheel_radius_m)
-        moment_kgm2 = np.diag([0.5, 1.0, 0.5]) * AXLE_INERTIA_KGM2
-        wheel.setInertia(_inertia(WHEEL_MASS_SHARE * spec.mass_kg, moment_kgm2, np.zeros(3)))
-        node = wheel.createShapeNode(sphere)
-        node.createCollisionAspect()
-        node.createDynamicsAspect().setFrictionCoeff(WHEEL_FRICTION)
+
+def _hubs_m(spec: RobotSpec) -> list[F64]:
+    """Centres (3,) of the wheels."""
+    return [np.array([0.5 * x * spec.wheelbase_m, 0.5 * y * spec.track_m, spec.wheel_radius_m]) for x, y in WHEELS]
+
+
+def _of_points(masses_kg: Sequence[float], places_m: Sequence[F64]) -> F64:
+    """Moment of inertia (3, 3) of point masses about the origin."""
+    total = np.zeros((3, 3))
+    for mass_kg, place_m in zip(masses_kg, places_m, strict=True):
+        total += mass_kg * ((place_m @ place_m) * np.eye(3) - np.outer(place_m, place_m))
+    return total
 
 
 def _inertia(mass_kg: float, moment_kgm2: F64, centre_of_mass_m: F64) -> dart.dynamics.Inertia:

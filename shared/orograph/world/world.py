@@ -16,8 +16,9 @@ from orograph.scenario import Scenario
 from orograph.scene import build_scene
 from orograph.world.ground import ground_skeleton, standing_rotation
 from orograph.world.motors import Motors, odometry
-from orograph.world.robot_body import FREE_DOFS, RobotBody
+from orograph.world.robot_body import RobotBody
 from orograph.world.traffic import Lane, Traffic
+from orograph.world.tyres import Tyres
 from orograph.world.vehicle_body import VehicleBody
 
 F64 = npt.NDArray[np.float64]
@@ -27,8 +28,8 @@ STEP_S = STEP_NS / 1e9
 GRAVITY_MPS2 = 9.81
 DROP_M = 0.02
 """A robot starts this much above the exact ground, because the mesh's facets may lie above it."""
-FRICTION_TOLERANCE = 0.005
-"""Error the friction solver stops at; at 0.01 a robot creeps on a slope (1 mm/s), at 0.04 it drives in curves."""
+STOP = 0.0, 0.0
+"""The drive of a robot that has none."""
 CONTACTS_PER_BODY_MAX = 64
 
 
@@ -47,6 +48,8 @@ class World:
         self._physics = _new_physics(len(self.robots) + len(scenario.vehicles))
         self._physics.addSkeleton(self._ground)
         self._motors = Motors(scenario.robot, len(self.robots))
+        self._tyres = Tyres(scenario.robot, len(self.robots), STEP_S)
+        self._poses, self._velocities, self._carried = np.zeros((3, len(self.robots), 6))
         self._bodies = {robot: RobotBody(robot, scenario.robot) for robot in self.robots}
         self._odometry = dict.fromkeys(self.robots, (0.0, 0.0))
         self._traffic = Traffic(self.scene, scenario.vehicles)
@@ -61,13 +64,12 @@ class World:
         """Let whole 5 ms steps pass; `drives` holds (speed, yaw rate) in m/s, rad/s; a robot without one stops."""
         assert duration_ns > 0 and duration_ns % STEP_NS == 0, duration_ns
         for i, robot in enumerate(self.robots):
-            self._motors.want(i, *drives.get(robot, (0.0, 0.0)))
+            self._motors.want(i, *(drives.get(robot, STOP) if self.present[robot] else STOP))
         self._send_vehicles_on(duration_ns / 1e9)
-        angles_before = {robot: body.wheel_angles_rad() for robot, body in self._bodies.items()}
+        angles_before = self._tyres.angles_rad.copy()
         for _ in range(duration_ns // STEP_NS):
             self._step()
-        for robot, body in self._bodies.items():
-            turns_rad = body.wheel_angles_rad() - angles_before[robot]
+        for robot, turns_rad in zip(self.robots, self._tyres.angles_rad - angles_before, strict=True):
             self._odometry[robot] = odometry(self.scenario.robot, turns_rad, duration_ns / 1e9)
         self.stamp_ns += duration_ns
 
@@ -76,6 +78,7 @@ class World:
         if not self.present[robot]:
             self._physics.addSkeleton(self._bodies[robot].skeleton)
             self.present[robot] = True
+            self._moving = self._bodies_present()
 
     def remove_robot(self, robot: str) -> None:
         """A robot's body is taken out of the world; no effect on one that is not there."""
@@ -83,7 +86,9 @@ class World:
             self._physics.removeSkeleton(self._bodies[robot].skeleton)
             self._bodies[robot].halt()
             self._motors.reset(self.robots.index(robot))
+            self._tyres.halt(self.robots.index(robot))
             self.present[robot] = False
+            self._moving = self._bodies_present()
 
     # --- what is true -------------------------------------------------------------------------------------------
 
@@ -122,13 +127,19 @@ class World:
     # --- how ----------------------------------------------------------------------------------------------------
 
     def _step(self) -> None:
-        skeletons = [body.skeleton for body in self._bodies.values()]
-        speeds = np.array([skeleton.getVelocities() for skeleton in skeletons])
-        commands = np.zeros_like(speeds)
-        commands[:, FREE_DOFS:] = self._motors.torques_nm(speeds[:, FREE_DOFS:], STEP_S)
-        for skeleton, command in zip(skeletons, commands, strict=True):
-            skeleton.setCommands(command)
+        for row, skeleton in self._moving:
+            self._poses[row] = skeleton.getPositions()
+            self._velocities[row] = skeleton.getVelocities()
+            self._carried[row] = skeleton.getConstraintForces()
+        torques_nm = self._motors.torques_nm(self._tyres.speeds_radps, STEP_S)
+        wrenches = self._tyres.step(self._poses, self._velocities, self._carried, torques_nm)
+        for row, skeleton in self._moving:
+            skeleton.setCommands(wrenches[row])
         self._physics.step(False)
+
+    def _bodies_present(self) -> list[tuple[int, dart.dynamics.Skeleton]]:
+        """Rows and skeletons of the robots that are there."""
+        return [(i, self._bodies[robot].skeleton) for i, robot in enumerate(self.robots) if self.present[robot]]
 
     def _place_at_start(self, robot: str) -> None:
         start = self.scenario.starts[robot_number(robot) - 1]
@@ -167,8 +178,5 @@ def _new_physics(bodies: int) -> dart.simulation.World:
     physics.setDeactivationOptions(sleep)
     solver = physics.getConstraintSolver()
     solver.setCollisionDetector(dart.collision.BulletCollisionDetector())
-    options = dart.constraint.NsgsFrictionSolver.Options()
-    options.tolerance = FRICTION_TOLERANCE
-    solver.setBoxedLcpSolver(dart.constraint.NsgsFrictionSolver(options))
     solver.getCollisionOption().maxNumContacts = CONTACTS_PER_BODY_MAX * max(1, bodies)
     return physics
