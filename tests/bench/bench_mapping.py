@@ -84,6 +84,7 @@ def map_all(images: list[tuple[npt.NDArray[np.uint16], F64, F64]]) -> dict[str, 
     recorder, directions = StageRecorder(time.perf_counter_ns), ray_directions(LASER)
     mapper = RobotMapper(GLRM, 320, 10, FusionRules.default(), LASER.range_max_m, stage=recorder)
     prior = np.tile(np.array([0, 0, 0, 0, 32], np.float32), (GLRM.size, 1))
+    told = np.zeros(GLRM.size, np.uint8)
     whole_ms: list[float] = []
     planning_ms: list[float] = []
     for frame, (image, R, eye_m) in enumerate(images):
@@ -93,7 +94,7 @@ def map_all(images: list[tuple[npt.NDArray[np.uint16], F64, F64]]) -> dict[str, 
         records = mapper.step(points, distances_m, eye_m[:2], frame * FRAME_NS)
         whole_ms.append((time.perf_counter() - begin) * 1e3)
         mapper.acknowledge(records)
-        planning_ms.append(_duration_ms(lambda: mapper.planning_occupation(prior, prior)))
+        planning_ms.append(_duration_ms(lambda: mapper.planning_occupation(prior, told)))
     stages = {f"{name} ({STAGES[name]})": [d / 1e6 for d in ns] for name, ns in recorder.durations_ns.items()}
     return {**stages, "points to list, whole": whole_ms, "planning map": planning_ms}
 

@@ -15,6 +15,7 @@ from orograph.grid import Grid
 from orograph.mapping.cells import CONFIDENCE, Cells, Ticks, Values, unknown_values
 from orograph.mapping.fusion_kernels import fuse_cells
 from orograph.mapping.rescaling_kernels import expand_blocks, mark_blocks, rescale_marked
+from orograph.mapping.rolling import roll_into
 from orograph.mapping.rules import RuleNumbers
 
 
@@ -31,7 +32,8 @@ class Evidence:
         self.values, self.ticks = unknown_values(hrm_cells**2), np.zeros(hrm_cells**2, np.uint32)
         self.window: tuple[int, int] | None = None
         """GLRM (row, col) of the window's first block; it may hang over the GLRM's edge."""
-        self.stale: npt.NDArray[np.bool_] = np.ones(self.blocks**2, np.bool_)
+        self._spare = np.empty_like(self.values), np.empty_like(self.ticks)
+        self.stale: npt.NDArray[np.bool_] = np.ones((self.blocks, self.blocks), np.bool_)
         """Blocks of the window that changed since their user last cleared this."""
         self._marked: npt.NDArray[np.bool_] = np.zeros(self.blocks**2, np.bool_)
         row, col = np.indices((hrm_cells, hrm_cells), np.int32) // per_glrm_cell
@@ -65,7 +67,7 @@ class Evidence:
 
     def rescale(self, cells: Cells) -> Cells:
         """Bring the coarse values under these fine cells up to date; returns their GLRM cells, ascending."""
-        mark_blocks(cells, self._block_of_cell, self._marked, self.stale)
+        mark_blocks(cells, self._block_of_cell, self._marked, self.stale.reshape(-1))
         touched: Cells = rescale_marked(
             self.values, self.ticks, self.blocks, self.factor, self.window, self.glrm.shape, self._marked, self.coarse,
             self.coarse_ticks,
@@ -97,27 +99,26 @@ class Evidence:
         return np.flatnonzero(self.coarse[:, CONFIDENCE] > 0)
 
     def _move(self, window: tuple[int, int], left: tuple[int, int] | None) -> None:
-        side = self.blocks * self.factor
-        old_values, old_ticks = self.values.reshape(side, side, 5), self.ticks.reshape(side, side)
-        self.values, self.ticks = unknown_values(side**2), np.zeros(side**2, np.uint32)
-        self.window, self.stale[:] = window, True
-        entered = np.ones((self.blocks, self.blocks), np.bool_)
-        if left is not None and max(abs(window[0] - left[0]), abs(window[1] - left[1])) < self.blocks:
-            (to_rows, from_rows), (to_cols, from_cols) = (
-                _overlap(w - b, self.blocks) for w, b in zip(window, left, strict=True)
-            )
-            entered[to_rows, to_cols] = False
-            to_fine = _times(to_rows, self.factor), _times(to_cols, self.factor)
-            from_fine = _times(from_rows, self.factor), _times(from_cols, self.factor)
-            self.values.reshape(side, side, 5)[to_fine] = old_values[from_fine]
-            self.ticks.reshape(side, side)[to_fine] = old_ticks[from_fine]
+        """Every block of the new window is either kept or set from the coarse values, so nothing is cleared first."""
+        entered, was_stale = np.ones_like(self.stale), self.stale.copy()
+        if left is not None:
+            moved, side = (window[0] - left[0], window[1] - left[1]), self.blocks * self.factor
+            roll_into(entered, np.zeros_like(entered), moved)
+            roll_into(self.stale, was_stale, moved)
+            old, (values, ticks) = (self.values, self.ticks), self._spare
+            moved = moved[0] * self.factor, moved[1] * self.factor
+            roll_into(values.reshape(side, side, 5), old[0].reshape(side, side, 5), moved)
+            roll_into(ticks.reshape(side, side), old[1].reshape(side, side), moved)
+            self.values, self.ticks, self._spare = values, ticks, old
+        self.window = window
         blocks = np.flatnonzero(entered)
         inside, glrm_cells = self._glrm_cells(blocks)
-        blocks, glrm_cells = blocks[inside], glrm_cells[inside]
-        self._expand(blocks, self.coarse[glrm_cells], self.coarse_ticks[glrm_cells])
+        values, ticks = unknown_values(len(blocks)), np.zeros(len(blocks), np.uint32)
+        values[inside], ticks[inside] = self.coarse[glrm_cells[inside]], self.coarse_ticks[glrm_cells[inside]]
+        self._expand(blocks, values, ticks)
 
     def _expand(self, blocks: Cells, values: Values, ticks: Ticks) -> None:
-        self.stale[blocks] = True
+        self.stale.reshape(-1)[blocks] = True
         expand_blocks(values, ticks, self.blocks * self.factor, self.factor, blocks, self.values, self.ticks)
 
     def _glrm_cells(self, blocks: Cells) -> tuple[npt.NDArray[np.bool_], Cells]:
@@ -136,13 +137,3 @@ class Evidence:
         side, within = self.blocks * self.factor, np.arange(self.factor)
         firsts = (blocks // self.blocks) * self.factor * side + (blocks % self.blocks) * self.factor
         return (firsts[:, None, None] + within[:, None] * side + within).reshape(-1)
-
-
-def _overlap(moved: int, size: int) -> tuple[slice, slice]:
-    """Along one axis: where the kept part stands after a move by `moved`, and where it stood before."""
-    kept = size - abs(moved)
-    return slice(max(0, -moved), max(0, -moved) + kept), slice(max(0, moved), max(0, moved) + kept)
-
-
-def _times(part: slice, factor: int) -> slice:
-    return slice(part.start * factor, part.stop * factor)

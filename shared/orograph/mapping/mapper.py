@@ -13,13 +13,13 @@ from orograph.layers import CellMap
 from orograph.mapping.cells import Cells, Given, Values, cut, map_of, unknown_values, values_of
 from orograph.mapping.evidence import Evidence
 from orograph.mapping.fusion import fuse
-from orograph.mapping.planning_kernel import planning_codes
+from orograph.mapping.planning import Codes, PlanningView
 from orograph.mapping.reconstruction import DROP_REASONS, Reconstructor
 from orograph.mapping.register_kernels import pack_cells
 from orograph.mapping.rescaling import expand, rescale
 from orograph.mapping.rules import SLOPE_MAX, FusionRules
 from orograph.mapping.updates import Held
-from orograph.messages import RECORD, UNKNOWN_OCCUPATION, Packed
+from orograph.messages import RECORD, Packed
 from orograph.points import points_from_ranges
 from orograph.registers import unpack
 from orograph.stages import Stage, untimed
@@ -39,9 +39,7 @@ class RobotMapper:
         self._given = map_of(unknown_values(glrm_grid.size), glrm_grid, given)
         self._fine_rules, self._coarse_rules = rules.numbers(slope_max), rules.numbers(None)
         self._acknowledged = Held(glrm_grid.size)
-        self._prior: Values | None = None
-        self._told_codes: npt.NDArray[np.uint8] = np.full(self._evidence.blocks**2, UNKNOWN_OCCUPATION, np.uint8)
-        self._planning: npt.NDArray[np.uint8] = np.empty((hrm_cells, hrm_cells), np.uint8)
+        self._planning = PlanningView(self._evidence, self._fine_rules)
 
     def step(
         self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], position_xy_m: npt.ArrayLike, stamp_ns: int
@@ -119,20 +117,13 @@ class RobotMapper:
         under = expand(self._cut(prior), self._evidence.factor)
         return fuse(under, self.evidence, self._rules, self._slope_max)
 
-    def planning_occupation(self, prior: Values, told: Values) -> npt.NDArray[np.uint8]:
-        """Occupation (rows, cols) in 1/254, 255 unknown: of `hrm` over `prior`; of `told` where there is no evidence.
+    def planning_occupation(self, prior: Values, told: Codes) -> Codes:
+        """Occupation codes (rows, cols): of `hrm` over `prior`; of `told` (codes) where there is no evidence.
 
-        Both are values (cells, 5) of whole GLRMs; nobody writes into `prior` afterwards, for only what changed since
-        the last call is computed. `told` may hold this robot's own evidence: it is never fused with it.
+        Prior (cells, 5) and told (cells,) are whole GLRMs; nobody writes into `prior` afterwards. `told` may hold this
+        robot's own evidence: it is never fused with it.
         """
-        evidence = self._evidence
-        if prior is not self._prior:
-            self._prior, evidence.stale[:] = prior, True
-        planning_codes(
-            evidence.values, prior, told, evidence.glrm.shape, evidence.window, evidence.factor, self._fine_rules,
-            evidence.stale, self._told_codes, self._planning,
-        )  # fmt: skip
-        return self._planning.copy()
+        return self._planning.codes(prior, told)
 
     @property
     def acknowledged(self) -> Packed:

@@ -25,9 +25,9 @@ def planning_codes(
 ) -> None:  # fmt: skip
     """Occupation codes (rows, cols) of fine `values` (rows * cols, 5) over coarse `prior`; of `told` where unknown.
 
-    `window` is the (row, col) of the fine map's first block in the coarse maps (cells, 5) of `glrm_shape`. Only blocks
-    that are `stale` (blocks,), or whose code in `told_codes` (blocks,) is another now, are made anew; both are brought
-    up to date in place.
+    `window` is the (row, col) of the fine map's first block in the coarse `prior` (cells, 5) and `told` (cells,) of
+    `glrm_shape`. A block that is `stale` (blocks,) is made anew; where only its code in `told_codes` (blocks,) is
+    another now, its unknown cells are. Both are brought up to date in place.
     """
     cols = codes.shape[1]
     nothing = np.array([np.nan, np.nan, np.nan, np.nan, 0.0], np.float32)
@@ -36,8 +36,9 @@ def planning_codes(
         block_col = block - block_row * (cols // factor)
         row, col = window[0] + block_row, window[1] + block_col
         inside = 0 <= row < glrm_shape[0] and 0 <= col < glrm_shape[1]
-        told_code = occupation_code(told[row * glrm_shape[1] + col, 3]) if inside else UNKNOWN_OCCUPATION
-        if not stale[block] and told_codes[block] == told_code:
+        told_code = told[row * glrm_shape[1] + col] if inside else np.uint8(UNKNOWN_OCCUPATION)
+        known_too = stale[block]
+        if not known_too and told_codes[block] == told_code:
             continue
         stale[block], told_codes[block] = False, told_code
         under = prior[row * glrm_shape[1] + col] if inside else nothing
@@ -46,6 +47,6 @@ def planning_codes(
                 own = values[r * cols + c]
                 if own[4] <= 0.0:
                     codes[r, c] = told_code
-                    continue
-                fused = fuse_pair(under, np.float64(under[4]), own, np.float64(own[4]), rules)
-                codes[r, c] = occupation_code(float(np.float32(fused[3])))
+                elif known_too:
+                    fused = fuse_pair(under, np.float64(under[4]), own, np.float64(own[4]), rules)
+                    codes[r, c] = occupation_code(float(np.float32(fused[3])))

@@ -14,6 +14,7 @@ from orograph.geometry import ray_directions, rotation
 from orograph.layers import CellMap
 from orograph.mapping import FusionRules, RobotMapper
 from orograph.mapping.cells import values_of
+from orograph.mapping.planning import Codes
 from orograph.mapping.updates import Held
 from orograph.messages import (
     UNKNOWN_OCCUPATION,
@@ -66,7 +67,8 @@ class RobotMappingNode:
         self._now_ns = self._status_due_ns = self._global_map_due_ns = 0
         self._backlog: deque[tuple[int, int]] = deque(maxlen=BACKLOG_KEPT)
         self._told: tuple[int, ...] = ()
-        self._prior_values = self._told_values = values_of(self._prior)
+        self._prior_values = values_of(self._prior)
+        self._told_codes = self._copied_codes()
 
     def step(self, frame: Frame, inbox: Sequence[Envelope], send: Send, note: Note) -> None:
         """Map the scans whose pose is known, keep in step with the Map Manager, tell planning."""
@@ -153,15 +155,17 @@ class RobotMappingNode:
         if state == self._told:
             return
         self._told, self._global_map_due_ns = state, self._now_ns + GLOBAL_MAP_NS
-        grid = self._prior.grid
-        self._told_values = values_of(copy.cell_map(grid))
-        occupation = np.where(copy.cells["confidence"] > 0, copy.cells["occupation"], UNKNOWN_OCCUPATION)
-        codes = occupation.astype(np.uint8).reshape(grid.shape)
+        grid, self._told_codes = self._prior.grid, self._copied_codes()
+        codes = self._told_codes.reshape(grid.shape)
         send(keys.SIM, self._navigator, PlanningMap(self._now_ns, *grid.origin_m, grid.cell_m, True, codes))
+
+    def _copied_codes(self) -> Codes:
+        cells = self._sync.copy.cells
+        return np.where(cells["confidence"] > 0, cells["occupation"], np.uint8(UNKNOWN_OCCUPATION))
 
     def _local_map(self, stamp_ns: int) -> PlanningMap:
         grid = self._mapper.hrm_grid
-        codes = self._mapper.planning_occupation(self._prior_values, self._told_values)
+        codes = self._mapper.planning_occupation(self._prior_values, self._told_codes)
         return PlanningMap(stamp_ns, *grid.origin_m, grid.cell_m, False, codes)
 
     def _status(self) -> MappingStatus:

@@ -248,12 +248,19 @@ def test_the_hrm_is_the_evidence_over_the_prior_under_it(at):
         np.testing.assert_allclose(found, oracle.fuse(under, own, oracle.Rules(60.0, 1.0)), rtol=1e-5, atol=1e-6)
 
 
+def codes_of(cell_map: CellMap) -> np.ndarray:
+    """Occupation (cells,) in 1/254, halves up, 255 unknown."""
+    occupation = cell_map.occupation.reshape(-1).astype(np.float64)
+    codes = np.floor(np.nan_to_num(occupation) * OCCUPATION_ONE + 0.5)
+    return np.where(np.isnan(occupation), UNKNOWN_OCCUPATION, codes).astype(np.uint8)
+
+
 @pytest.mark.parametrize("at", [(12.0, 12.0), (1.0, 29.0)])
 def test_planning_sees_the_hrms_occupation_and_elsewhere_what_the_robot_was_told(at):
     rng = np.random.default_rng(4)
     prior, told, robot = prior_map(rng), prior_map(rng), mapper()
     see(robot, rng.uniform([at[0] - 8, at[1] - 8, 0], [at[0] + 8, at[1] + 8, 3], (150, 3)), at=at)
-    codes = robot.planning_occupation(values_of(prior), values_of(told))
+    codes = robot.planning_occupation(values_of(prior), codes_of(told))
     known = robot.evidence.known
     assert 0 < known.sum() < 144
     occupation = np.where(known, robot.hrm(prior).occupation, robot.hrm(told).occupation).astype(np.float64)
@@ -266,14 +273,15 @@ def test_planning_sees_the_hrms_occupation_and_elsewhere_what_the_robot_was_told
 def test_planning_hears_of_every_change_though_only_what_changed_is_computed():
     """Scans, rolling, adoption, another prior and other news: as a mapper's first answer would be."""
     rng = np.random.default_rng(11)
-    maps = [values_of(prior_map(rng)) for _ in range(6)]
+    maps = [prior_map(rng) for _ in range(6)]
+    priors, news = [values_of(m) for m in maps[:3]], [codes_of(m) for m in maps[3:]]
     robot, first, changed = mapper(), None, 0
     for k in range(24):
         at = (12.0 + 9.0 * (k // 8), 12.0 + 6.0 * (k // 12))
         see(robot, rng.uniform([at[0] - 6, at[1] - 6, 0], [at[0] + 6, at[1] + 6, 3], (20, 3)), at, k * SECOND_NS)
         if k % 5 == 4:
             robot.adopt(rows(pack(np.arange(42), 1, *values_of(prior_map(rng)).T)), fuse=k % 2 == 0)
-        prior, told = maps[k // 10], maps[3 + k // 3 % 3]
+        prior, told = priors[k // 10], news[k // 3 % 3]
         codes = robot.planning_occupation(prior, told)
         afresh = robot.planning_occupation(prior.copy(), told.copy())
         np.testing.assert_array_equal(codes, afresh, err_msg=f"scan {k}")
