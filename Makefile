@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.current
 DEMO ?= scenarios/helsinki
 
-.PHONY: help setup demo check test bench study clean
+.PHONY: help setup demo check test bench study image up down logs fetch-run cluster-test clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -37,6 +37,25 @@ bench: setup ## the hot paths, as a table and a last JSON line
 
 study: setup ## the paper's Table 3: mapping time with one, two and three robots
 	$(BIN)/orograph study scenarios/paper --robots 1,2,3
+
+image: ## build the image of all services
+	ops/offline-images
+	docker build --quiet --file ops/Dockerfile --tag orograph . >/dev/null
+
+up: image ## start the cluster in containers: ROBOTS=3 SCENARIO=tiny SEED= TIME_SCALE= START_WITH=
+	ops/up
+
+down: ## end the cluster; its volume with the runs stays
+	ops/compose --profile '*' down --timeout 4
+
+logs: ## follow the cluster's logs
+	ops/compose logs --follow --tail 50
+
+fetch-run: ## copy the cluster's newest run to runs/
+	ops/fetch-run
+
+cluster-test: setup image ## the tests in containers (needs a Docker engine)
+	$(BIN)/pytest -m containers
 
 clean: ## remove .venv and runs
 	rm -rf $(VENV) runs

@@ -25,11 +25,16 @@ log = logging.getLogger("orograph")
 
 
 class Campaign:
-    """`run` names the run where somebody else keeps its folder and reports on it."""
+    """`run` names the run where somebody else keeps its folder and reports on it.
+
+    Raises InputError for a folder of runs that is not ours.
+    """
 
     def __init__(self, scenario: Scenario, run_dir: Path, run: str | None) -> None:
         self._scenario, self._run_dir, self._run = scenario, run_dir, run
         self._briefing: Briefing | None = None
+        if run is None:
+            _check_schema(run_dir)
 
     def begin(self, bus: Bus, guard: Guard) -> Briefing:
         """The run to take part in; raises InputError where there can be none."""
@@ -40,7 +45,6 @@ class Campaign:
         return self._briefing
 
     def _new(self) -> Briefing:
-        _check_schema(self._run_dir)
         names = (f"{self._scenario.name}-{i:03d}" for i in range(1, 10_000))
         name = next(name for name in names if not (self._run_dir / name).exists())
         prepare_out(self._run_dir / name, self._scenario)
