@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph.scenario import RobotSpec
+from orograph.world.motor_kernel import ramp, servo_torques_nm
 from orograph.world.robot_body import WHEELS
 
 F64 = npt.NDArray[np.float64]
@@ -65,16 +66,8 @@ class Motors:
 
     def torques_nm(self, wheel_speeds_radps: F64, step_s: float) -> F64:
         """Torques (n, 4) for the next step, never more than the motor's largest, from the wheels' speeds (n, 4)."""
-        if not np.array_equal(self._set, self._wanted):
-            change = self._acceleration * step_s
-            self._set += _bounded(self._wanted - self._set, change)
-        error = self._set @ self._wheels_of_body - wheel_speeds_radps
-        asked_nm = SERVO_GAIN_NMS * (error + self._integral_radps)
-        torques_nm = _bounded(asked_nm, self._spec.wheel_torque_max_nm)
-        self._integral_radps += (asked_nm == torques_nm) * error * (step_s / SERVO_INTEGRAL_S)
-        return torques_nm
-
-
-def _bounded(values: F64, limit: F64 | float) -> F64:
-    """`np.clip` to +-limit, which costs five times as much on arrays this small."""
-    return np.minimum(np.maximum(values, -limit), limit)
+        ramp(self._set, self._wanted, self._acceleration * step_s)
+        limit_nm, share = self._spec.wheel_torque_max_nm, step_s / SERVO_INTEGRAL_S
+        return servo_torques_nm(
+            self._set, self._wheels_of_body, wheel_speeds_radps, self._integral_radps, SERVO_GAIN_NMS, limit_nm, share
+        )

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from orograph.geometry import roll_pitch_yaw
 from orograph.scenario import Building, RobotSpec, Scenario, Start, TerrainSpec
@@ -41,12 +41,14 @@ def step(tyres: Tyres, velocity: list[float], lift_n: float, torques_nm: F64, tu
     return np.concatenate([wrench[0, :3] @ R, wrench[0, 3:] @ R])
 
 
+@settings(deadline=None)  # The first example may compile the kernels.
 @given(turn_rad=st.tuples(*3 * [st.floats(-3, 3)]))
 def test_axes_are_the_columns_of_the_rotation(turn_rad: tuple[float, float, float]) -> None:
     found = np.stack(axes_of(np.array(turn_rad)), axis=1)
     np.testing.assert_allclose(found, Rotation.from_rotvec(turn_rad).as_matrix(), atol=1e-12)
 
 
+@settings(deadline=None)  # The first example may compile the kernels.
 @given(lift_n=st.floats(1, 1000), tilt=st.tuples(st.floats(-1, 1), st.floats(-1, 1)))
 def test_loads_are_the_least_that_carry(lift_n: float, tilt: tuple[float, float]) -> None:
     """Oracle: the pseudo-inverse of force and moments over the four places, wherever it keeps all wheels down."""
@@ -67,6 +69,7 @@ def test_a_wheel_in_the_air_spins_freely() -> None:
     assert wrench == pytest.approx([0, -8, 0, 0, 0, 0], abs=1e-12)  # the motors' counter-torque alone
 
 
+@settings(deadline=None)  # The first example may compile the kernels.
 @given(heading=st.floats(-3, 3), turn_rad=st.tuples(*3 * [st.floats(-2, 2)]))
 def test_a_slid_robot_is_held_by_friction_times_load(heading: float, turn_rad: tuple[float, float, float]) -> None:
     """Sideways or ahead with locked wheels, after the tyres have bent: opposed to the slip, in the body's own frame."""
