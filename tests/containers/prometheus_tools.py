@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 import socket
@@ -11,7 +12,7 @@ import time
 import urllib.error
 import urllib.parse
 import urllib.request
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,18 @@ def promtool(*arguments: str, stdin: str = "", mounts: Sequence[Path] = ()) -> s
     )
 
 
+def questions() -> dict[str, str]:
+    """Panel and legend -> PromQL with Grafana's variables filled in, of every dashboard."""
+    out = {}
+    for file in sorted((ROOT / "ops/grafana/dashboards").glob("*.json")):
+        for panel in json.loads(file.read_text())["panels"]:
+            for target in panel.get("targets", []):
+                expression = target["expr"].replace("$__rate_interval", "10s").replace("$robot", ".*")
+                assert "$" not in expression, expression
+                out[f"{file.stem} / {panel['title']} / {target['refId']}"] = expression
+    return out
+
+
 class Prometheus:
     """A running server's HTTP API."""
 
@@ -71,6 +84,18 @@ class Prometheus:
         """The samples of an expression now."""
         result: list[dict[str, Any]] = self.ask("query", query=expression)["result"]
         return result
+
+    def has_data(self, expression: str) -> bool:
+        """Whether an expression has a sample now that is a number."""
+        return any(not math.isnan(float(sample["value"][1])) for sample in self.query(expression))
+
+    def await_data(self, wanted: Mapping[str, str], within_s: float, check: Callable[[], None] = lambda: None) -> None:
+        """Poll until each expression (by what it is for) had data once; one that is refused fails at once."""
+        deadline_s, silent = time.monotonic() + within_s, dict(wanted)
+        while silent := {what: expression for what, expression in silent.items() if not self.has_data(expression)}:
+            check()
+            assert time.monotonic() < deadline_s, f"no data for {silent}"
+            time.sleep(0.5)
 
     def ready(self) -> bool:
         """Whether it serves."""

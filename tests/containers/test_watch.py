@@ -5,19 +5,15 @@ Rendering is what is not tested: that Grafana itself draws the panels. The test 
 
 from __future__ import annotations
 
-import json
-import math
 import threading
-import time
 import urllib.request
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
-from containers.prometheus_tools import OPS, ROOT, Prometheus, free_port, promtool, running
+from containers.prometheus_tools import OPS, Prometheus, free_port, promtool, questions, running
 from orograph import keys
 from orograph.cli import launch
 from orograph.cli.run import prepare_out, resolve
@@ -95,18 +91,6 @@ def prometheus(mission: Mission, tmp_path_factory: pytest.TempPathFactory) -> It
         yield server
 
 
-def questions() -> dict[str, str]:
-    """Panel and legend -> PromQL with Grafana's variables filled in, of every dashboard."""
-    out = {}
-    for file in sorted((ROOT / "ops/grafana/dashboards").glob("*.json")):
-        for panel in json.loads(file.read_text())["panels"]:
-            for target in panel.get("targets", []):
-                expression = target["expr"].replace("$__rate_interval", "10s").replace("$robot", ".*")
-                assert "$" not in expression, expression
-                out[f"{file.stem} / {panel['title']} / {target['refId']}"] = expression
-    return out
-
-
 def rules() -> dict[str, tuple[str, str]]:
     """Name -> (kind, PromQL) of every rule."""
     files = [yaml.safe_load(f.read_text()) for f in sorted((OPS / "rules").glob("*.yml"))]
@@ -114,19 +98,13 @@ def rules() -> dict[str, tuple[str, str]]:
     return {r.get("alert") or r["record"]: ("alert" if "alert" in r else "record", r["expr"]) for r in every}
 
 
-def says_something(samples: list[dict[str, Any]]) -> bool:
-    return any(not math.isnan(float(sample["value"][1])) for sample in samples)
-
-
 def await_data(prometheus: Prometheus, mission: Mission, wanted: dict[str, str]) -> None:
-    """Poll until each expression has had a value that is a number; a refused expression fails at once."""
-    deadline_s, silent = time.monotonic() + DEADLINE_S, dict(wanted)
-    while silent:
+    """Poll until each expression has a value, while the mission is well."""
+
+    def check() -> None:
         assert mission.error is None, mission.error
-        silent = {what: expr for what, expr in silent.items() if not says_something(prometheus.query(expr))}
-        assert not silent or time.monotonic() < deadline_s, f"no data for {silent}"
-        if silent:
-            time.sleep(0.5)
+
+    prometheus.await_data(wanted, DEADLINE_S, check)
 
 
 def test_every_process_is_scraped(prometheus: Prometheus, mission: Mission) -> None:
@@ -160,8 +138,8 @@ def test_every_rule_evaluates(prometheus: Prometheus, mission: Mission) -> None:
 def test_the_checkers_can_fail(prometheus: Prometheus, mission: Mission) -> None:
     with pytest.raises(AssertionError, match="parse error"):
         await_data(prometheus, mission, {"broken": "rate(orograph_map_version[10s]"})
-    assert not says_something(prometheus.query("orograph_no_such_metric"))
-    assert not says_something(prometheus.query("0 * sum(up) / 0"))
+    assert not prometheus.has_data("orograph_no_such_metric")
+    assert not prometheus.has_data("0 * sum(up) / 0")
 
 
 def test_promtool_accepts_what_each_service_exports(prometheus: Prometheus, mission: Mission) -> None:
