@@ -16,7 +16,7 @@ from orograph.scenario import Scenario
 SCHEMA, LATEST = "schema", "latest"
 """Files beside the run folders: the layout's version, and the name of the newest run."""
 SCHEMA_VERSION = "1"
-LEARN_S = 1.5
+LEARN_S = 1.0
 """An orchestrator that starts in the middle of a run hears of it from the world within this time."""
 RESULT_S = 20.0
 POLL_S = 0.2

@@ -77,13 +77,20 @@ class Guard:
         `ready`: the service does its work, or could at once (a spare), so that its container counts as healthy.
         """
         self._seen = time.monotonic()
-        if ready and self._ready_file is not None and self._seen - self._ready_s >= READY_EVERY_S:
-            self._ready_s = self._seen
-            self._ready_file.touch()
+        if ready and self._seen - self._ready_s >= READY_EVERY_S:
+            self._show_ready()
 
     def busy(self) -> None:
-        """What follows may take longer than the watchdog's patience; it sleeps until the next `alive()`."""
+        """What follows may take longer than the watchdog's patience; it sleeps until the next `alive()`.
+
+        Who was ready stays so.
+        """
         self._seen = None
+
+    def _show_ready(self) -> None:
+        self._ready_s = time.monotonic()
+        if self._ready_file is not None:
+            self._ready_file.touch()
 
     def _on_signal(self, number: int, frame: Any) -> None:
         self.stop.set()
@@ -98,7 +105,9 @@ class Guard:
 
     def _watch(self) -> None:
         while True:
-            time.sleep(1.0)
+            time.sleep(READY_EVERY_S)
+            if self._seen is None and self._ready_s > 0.0:
+                self._show_ready()
             if self._seen is not None and time.monotonic() - self._seen > STUCK_S:
                 faulthandler.dump_traceback()
                 os._exit(EXIT_BROKEN)
