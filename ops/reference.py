@@ -1,14 +1,16 @@
-"""Writes docs/messages.md from the code: every message with its fields, every key. A test holds the file to it."""
+"""Writes docs/messages.md and scenarios/scenario.schema.json from the code. Tests hold the files to it."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any
 
 from orograph import keys, messages
+from orograph.edge.scenario_file import scenario_json_schema
 
-TARGET = Path(__file__).parents[1] / "docs" / "messages.md"
+ROOT = Path(__file__).parents[1]
 
 
 def field_row(spec: Field[Any]) -> str:
@@ -60,4 +62,6 @@ def reference() -> str:
 
 
 if __name__ == "__main__":
-    TARGET.write_text(reference())
+    (ROOT / "docs" / "messages.md").write_text(reference())
+    schema = json.dumps(scenario_json_schema(), indent=2, ensure_ascii=False) + "\n"
+    (ROOT / "scenarios" / "scenario.schema.json").write_text(schema)
