@@ -36,6 +36,7 @@ class Bodies:
         length, width, height = scenario.robot.size_m
         clearance = min(ROBOT_CLEARANCE_M, 0.5 * height)
         self._robot_m = np.array([length, width, height - clearance, clearance])
+        self._robots, self._sizes_m = -1, np.zeros((0, 4))
         self._vehicles_m = np.array([(*vehicle.size_m, 0.0) for vehicle in scenario.vehicles]).reshape(-1, 4)
 
     def boxes(self, poses: Packed, own: int, reach_m: float) -> Boxes:
@@ -44,8 +45,9 @@ class Bodies:
         `poses` (n,) POSE holds the robots by number, then the scenario's vehicles.
         """
         robots = len(poses) - len(self._vehicles_m)
-        sizes_m = np.concatenate([np.broadcast_to(self._robot_m, (robots, 4)), self._vehicles_m])
-        positions_m = poses["position_m"]
+        if robots != self._robots:
+            self._robots, self._sizes_m = robots, np.vstack([np.tile(self._robot_m, (robots, 1)), self._vehicles_m])
+        sizes_m, positions_m = self._sizes_m, poses["position_m"]
         near = ((positions_m - positions_m[own]) ** 2).sum(axis=1) <= (reach_m + sizes_m.sum(axis=1)) ** 2
         near &= poses["present"] > 0
         near[own] = False

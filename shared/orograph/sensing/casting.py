@@ -19,7 +19,7 @@ from embreex.rtcore_scene import EmbreeScene
 from orograph.scene import Mesh, Scene
 from orograph.scene.mesh import joined
 from orograph.sensing.bodies import Boxes
-from orograph.sensing.kernels import arranged, limit_by_boxes
+from orograph.sensing.kernels import arrange, limit_by_boxes, void_beyond
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
@@ -70,6 +70,8 @@ class RayCaster:
         self._scene, self._reach_m = scene, reach_m
         self._device = EmbreeDevice()
         self._windows: OrderedDict[tuple[int, int], Window] = OrderedDict()
+        self._rays: F32 = np.empty((0, 3), np.float32)
+        self._origins: F32 = np.empty((0, 3), np.float32)
 
     def distances(self, origin_m: F64, R_map_laser: F64, directions: F32, boxes: Boxes) -> tuple[F32, I32]:
         """Distances (n,) [m] to the nearest hits, inf where none in reach, and the ray (n,) that each belongs to.
@@ -78,14 +80,15 @@ class RayCaster:
         only meet buildings and boxes, so the ground is not searched for it: the origin must be above the ground.
         """
         window = self._window(origin_m)
-        rays, places, first = arranged(directions, R_map_laser, window.steepest)
+        if len(self._rays) != len(directions):
+            self._rays, self._origins = np.empty_like(directions), np.empty_like(directions)
+        rays, origins, places = self._rays, self._origins, np.empty(len(directions), np.int32)
+        first = arrange(directions, R_map_laser, window.steepest, origin_m - window.origin_m, rays, origins, places)
         nearest = np.full(len(rays), self._reach_m, np.float32)
-        origins = np.empty_like(rays)
-        origins[:] = origin_m - window.origin_m
         limit(window.solid, origins[:first], rays[:first], nearest[:first])
         limit(window.buildings, origins[first:], rays[first:], nearest[first:])
         limit_by_boxes(rays, nearest, boxes.centres_m - origin_m, boxes.half_m, boxes.R_box_map)
-        nearest[nearest >= np.float32(self._reach_m)] = np.inf  # else noise could pull an empty ray into range
+        void_beyond(nearest, self._reach_m)  # else noise could pull an empty ray into range
         return nearest, places
 
     def _window(self, origin_m: F64) -> Window:

@@ -14,28 +14,28 @@ I32 = npt.NDArray[np.int32]
 
 
 @njit(cache=True)
-def arranged(directions: F32, rotation: F64, steepest: float) -> tuple[F32, I32, int]:
-    """(rays (n, 3), their places (n,) in `directions`, how many come first) of unit directions turned by (3, 3).
+def arrange(directions: F32, rotation: F64, steepest: float, origin: F64, rays: F32, origins: F32, places: I32) -> int:
+    """Set `rays` (n, 3) to unit directions turned by (3, 3), each with its `origins` row and place in `directions`.
 
-    Rays that rise more steeply than `steepest` [m/m] come last. Plain sums: the same bits on every host, unlike BLAS.
+    Rays that rise more steeply than `steepest` [m/m] come last; returns how many come first. Plain sums: the same bits
+    on every host, unlike BLAS.
     """
-    count = directions.shape[0]
-    rays, places = np.empty_like(directions), np.empty(count, np.int32)
-    first, last = 0, count
-    for i in range(count):
+    first, last = np.uint64(0), np.uint64(directions.shape[0])
+    for i in range(directions.shape[0]):
         a, b, c = np.float64(directions[i, 0]), np.float64(directions[i, 1]), np.float64(directions[i, 2])
         x = rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * c
         y = rotation[1, 0] * a + rotation[1, 1] * b + rotation[1, 2] * c
         z = rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * c
         if z > 0 and z * z > steepest * steepest * (x * x + y * y):
-            last -= 1
+            last -= np.uint64(1)
             k = last
         else:
             k = first
-            first += 1
+            first += np.uint64(1)
         rays[k, 0], rays[k, 1], rays[k, 2] = x, y, z
+        origins[i, 0], origins[i, 1], origins[i, 2] = origin[0], origin[1], origin[2]
         places[k] = i
-    return rays, places, first
+    return int(first)
 
 
 @njit(cache=True)
@@ -70,6 +70,14 @@ def limit_by_boxes(rays: F32, distances_m: F32, centres_m: F64, half_m: F64, R_b
 
 
 @njit(cache=True)
+def void_beyond(distances_m: F32, reach_m: float) -> None:
+    """Set distances (n,) that are not below the reach to infinity, in place."""
+    end = np.float32(reach_m)
+    for i in range(distances_m.shape[0]):
+        distances_m[i] = distances_m[i] if distances_m[i] < end else np.float32(np.inf)
+
+
+@njit(cache=True)
 def range_image(
     distances_m: F32, places: I32, draws: npt.NDArray[np.uint16], noise_m: F32, dropout: float, range_min_m: float,
     last_unit: int, units_per_m: float,
@@ -80,11 +88,11 @@ def range_image(
     the second drops it if below `dropout` of them. Nothing returns below `range_min_m` or beyond `last_unit` steps.
     """
     dropped_below = dropout * 65536
-    out = np.zeros(distances_m.shape[0], np.uint16)
-    for i in range(distances_m.shape[0]):
-        place = places[i]
+    out = np.empty(distances_m.shape[0], np.uint16)
+    for i in range(distances_m.shape[0]):  # without a branch, for noise makes near ends hard to guess
+        place = np.uint32(places[i])
         measured_m = np.float64(distances_m[i]) + np.float64(noise_m[draws[0, place] >> 4])
         unit = np.floor(measured_m * units_per_m + 0.5)
-        if measured_m >= range_min_m and 1 <= unit <= last_unit and draws[1, place] >= dropped_below:
-            out[place] = np.uint16(unit)
+        returns = (measured_m >= range_min_m) & (unit >= 1) & (unit <= last_unit) & (draws[1, place] >= dropped_below)
+        out[place] = np.uint16(np.int32(unit if returns else 0.0))
     return out

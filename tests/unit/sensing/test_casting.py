@@ -13,7 +13,7 @@ from orograph.scenario import Scenario
 from orograph.scene import Mesh, build_scene
 from orograph.sensing.bodies import NO_BOXES, Boxes
 from orograph.sensing.casting import TILE_M, RayCaster
-from orograph.sensing.kernels import arranged, limit_by_boxes
+from orograph.sensing.kernels import arrange, limit_by_boxes
 
 REACH_M = 80.0
 SEEDS = st.integers(0, 2**32 - 1)
@@ -182,9 +182,11 @@ def test_what_a_ray_meets_does_not_depend_on_where_the_caster_was_before():
         np.testing.assert_array_equal(cast(travelled, origin, np.eye(3), directions), fresh)
 
 
-def test_arranged_turns_every_ray_once_and_puts_rising_ones_last():
+def test_arrange_turns_every_ray_once_and_puts_rising_ones_last():
     directions, R = directions_of(3, 400), rotation(0.3, -0.2, 2.0)
-    rays, places, first = arranged(directions, R, 0.5)
+    rays, origins, places = np.empty_like(directions), np.empty_like(directions), np.empty(len(directions), np.int32)
+    first = arrange(directions, R, 0.5, np.array([1.0, 2.0, 3.0]), rays, origins, places)
+    assert (origins == np.array([1.0, 2.0, 3.0], np.float32)).all()
     assert sorted(places) == list(range(400))
     np.testing.assert_allclose(rays, directions[places].astype(np.float64) @ R.T, atol=1e-7)
     rising = rays[:, 2] > 0.5 * np.hypot(rays[:, 0], rays[:, 1])
