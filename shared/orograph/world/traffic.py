@@ -41,25 +41,38 @@ class Lane:
         samples = max(3, math.ceil(self._length_m / TABLE_STEP_M))
         self._step_m = self._length_m / samples
         self._table_m = np.array([scene.vehicle_pose(index, k * self._step_m)[:2] for k in range(samples)])
+        self._half_lane_m = 0.5 * vehicle.size_m[1] + SIDE_GAP_M
         self.distance_m = vehicle.start_fraction * self._length_m
         self.speed_mps = vehicle.speed_mps
         self.waited_s = 0.0
+        self._pose_at_m, self._pose = math.nan, (0.0, 0.0, 0.0, 0.0)
 
     def pose(self) -> tuple[float, float, float, float]:
-        """(x, y, z of the ground, yaw) now."""
-        return self._scene.vehicle_pose(self._index, self.distance_m)
+        """(x, y, z of the ground, yaw) now; computed once for each place, as a frame asks twice."""
+        if self._pose_at_m != self.distance_m:
+            self._pose_at_m, self._pose = self.distance_m, self._scene.vehicle_pose(self._index, self.distance_m)
+        return self._pose
 
     def gap_m(self, discs_m: F64) -> float:
         """Free lane before the nose, given discs (n, 3) x, y, radius to keep clear of; infinite where none is in it."""
-        if len(discs_m) == 0:
-            return math.inf
         nose_m = 0.5 * self.vehicle.size_m[0]
         reach_m = nose_m + max(LOOK_AHEAD_M, STOP_GAP_M + self.vehicle.speed_mps**2 / (2 * BRAKING_MPS2))
+        discs_m = self._within(reach_m + self._step_m, discs_m)
+        if len(discs_m) == 0:
+            return math.inf
         ahead_m = np.arange(nose_m, min(reach_m, self._length_m - nose_m), self._step_m)
         rows = np.rint((self.distance_m + ahead_m) / self._step_m).astype(np.int64) % len(self._table_m)
         away_m = np.linalg.norm(self._table_m[rows][:, None, :] - discs_m[None, :, :2], axis=2)
-        blocked = (away_m < discs_m[:, 2] + (0.5 * self.vehicle.size_m[1] + SIDE_GAP_M)).any(axis=1)
+        blocked = (away_m < discs_m[:, 2] + self._half_lane_m).any(axis=1)
         return float(ahead_m[np.argmax(blocked)] - nose_m) if blocked.any() else math.inf
+
+    def _within(self, reach_m: float, discs_m: F64) -> F64:
+        """The discs that the next `reach_m` of the lane could meet: no lane is shorter than the straight line."""
+        here_m = self._table_m[round(self.distance_m / self._step_m) % len(self._table_m)]
+        dx, dy = discs_m[:, 0] - here_m[0], discs_m[:, 1] - here_m[1]
+        far_m = discs_m[:, 2] + (reach_m + self._half_lane_m)
+        near_m: F64 = discs_m[dx * dx + dy * dy < far_m * far_m]
+        return near_m
 
     def drive(self, gap_m: float, duration_s: float) -> None:
         """Go on for a frame: speed up to the vehicle's own, or brake to stop STOP_GAP_M before the gap's end."""
@@ -79,26 +92,24 @@ class Traffic:
 
     def drive(self, robots_m: F64, robot_radius_m: float, duration_s: float) -> None:
         """Move all by one frame; robots (n, 2) stand where the frame begins."""
-        poses = [lane.pose() for lane in self.lanes]
-        gaps = [self._gap_m(i, poses, robots_m, robot_radius_m) for i in range(len(self.lanes))]
+        robots = np.column_stack([robots_m, np.full(len(robots_m), robot_radius_m)])
+        vehicles = [_discs(lane) for lane in self.lanes]
+        gaps = [self._gap_m(i, robots, vehicles) for i in range(len(self.lanes))]
         for lane, gap in zip(self.lanes, gaps, strict=True):
             lane.drive(gap, duration_s)
 
-    def _gap_m(
-        self, mine: int, poses: Sequence[tuple[float, float, float, float]], robots_m: F64, robot_radius_m: float
-    ) -> float:
+    def _gap_m(self, mine: int, robots: F64, vehicles: Sequence[F64]) -> float:
         lane = self.lanes[mine]
-        discs = [self._discs(i, poses[i]) for i in range(len(poses)) if i != mine]
-        robots = np.column_stack([robots_m, np.full(len(robots_m), robot_radius_m)])
-        gap_m = lane.gap_m(np.concatenate([robots, *discs]))
+        gap_m = lane.gap_m(np.concatenate([robots, *vehicles[:mine], *vehicles[mine + 1 :]]))
         if math.isinf(gap_m):
             lane.waited_s = 0.0
         elif lane.waited_s > PATIENCE_S:
-            gap_m = lane.gap_m(np.concatenate([robots, *discs[:mine]]))
+            gap_m = lane.gap_m(np.concatenate([robots, *vehicles[:mine]]))
         return gap_m
 
-    def _discs(self, index: int, pose: tuple[float, float, float, float]) -> F64:
-        """A vehicle as three discs (3, 3): x, y, radius."""
-        length, width, _ = self.lanes[index].vehicle.size_m
-        x, y, _, yaw = pose
-        return np.array([(x + k * length * math.cos(yaw), y + k * length * math.sin(yaw), 0.5 * width) for k in DISCS])
+
+def _discs(lane: Lane) -> F64:
+    """A vehicle as three discs (3, 3): x, y, radius."""
+    length, width, _ = lane.vehicle.size_m
+    x, y, _, yaw = lane.pose()
+    return np.array([(x + k * length * math.cos(yaw), y + k * length * math.sin(yaw), 0.5 * width) for k in DISCS])
