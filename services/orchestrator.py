@@ -9,6 +9,7 @@ from orograph import keys
 from orograph.cli.campaign import Campaign
 from orograph.cli.errors import InputError
 from orograph.cli.run import resolve
+from orograph.edge import wire
 from orograph.edge.briefing import Briefing, answer
 from orograph.edge.bus import Bus
 from orograph.edge.claims import Claims
@@ -48,6 +49,13 @@ def main() -> int:
     return 0
 
 
+def _status(node: OrchestratorNode, briefing: Briefing, claims: Claims) -> bytes:
+    """How the cluster stands; nothing before the first second."""
+    standing = node.standing
+    told = standing.of_run(briefing.run, claims.holders()).model_dump() if standing is not None else None
+    return wire.pack_plain(told)
+
+
 def _direct(campaign: Campaign, settings: Settings, guard: Guard, start_with: int | None) -> None:
     nodes: list[OrchestratorNode] = []
 
@@ -55,8 +63,10 @@ def _direct(campaign: Campaign, settings: Settings, guard: Guard, start_with: in
         briefing = campaign.begin(bus, guard)
         robots = robots_of(briefing.scenario)
         nodes.append(OrchestratorNode(briefing.scenario, robots, briefing.scenario.seed))
-        Claims(robots, nodes[0].present, start_with).attend(bus)
+        claims = Claims(robots, nodes[0].present, start_with)
+        claims.attend(bus)
         answer(bus, briefing)
+        bus.answer(keys.STATUS, lambda _: _status(nodes[0], briefing, claims), keys.RADIO)
         return briefing
 
     take_part(keys.ORCHESTRATOR, settings, guard, build=lambda briefing, robots: (nodes, {}), brief=brief)

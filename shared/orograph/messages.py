@@ -277,7 +277,7 @@ class RobotStatus:
 
 @dataclass(frozen=True, eq=False)
 class Phase:
-    """Orchestrator -> robot-mapping and map-manager, every second: where the run stands."""
+    """Orchestrator -> robot-mapping, every second: where the run stands."""
 
     name: str = text(16, "mapping | flush | end")
 
@@ -290,7 +290,7 @@ class MappingStatus:
     flushed: bool = flag("every cell that differs from what was acknowledged has been sent and acknowledged")
     waiting_cells: int = integer(0, CELLS_MAX)
     copy_version: int = integer(0, U4)
-    copy_hash: bytes = raw(16, "blake2b-128 of the GLRM copy, computed in the flush phase; empty before")
+    copy_hash: bytes = raw(16, "blake2b-128 of the GLRM copy")
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,7 +299,7 @@ class ManagerStatus:
 
     stamp_ns: int = _stamp()
     version: int = integer(0, U4)
-    glrm_hash: bytes = raw(16, "computed in the flush phase; empty before")
+    glrm_hash: bytes = raw(16, "blake2b-128 of the GLRM")
     confident_cells: int = integer(0, CELLS_MAX, "cells with confidence >= 64")
 
 

@@ -49,10 +49,9 @@ class Bus:
         key = keys.message_key(plane, to, type(message).__name__, sender)
         index = self._index[sender]
         self._index[sender] += 1
-        drop = zenoh.CongestionControl.DROP if plane == keys.RADIO else zenoh.CongestionControl.BLOCK
         for piece in wire.fragments(self._frame, index, wire.encode(message)):
             self.bytes_sent[plane, to, sender] += len(piece)
-            self.sessions[plane].put(key, piece, congestion_control=drop, express=True)
+            self.sessions[plane].put(key, piece, congestion_control=_congestion(plane), express=True)
         self.sent[plane, to, sender] += 1
 
     def sent_table(self) -> dict[str, dict[str, dict[str, int]]]:
@@ -102,18 +101,23 @@ class Bus:
 
         self.sessions[keys.SIM].liveliness().declare_subscriber(keys.ALIVE_ALL, on_token, history=True)
 
-    def ask(self, key: str, payload: bytes, timeout_s: float) -> bytes | None:
-        """The first answer to a query on the sim plane, None where nobody answers."""
-        for reply in self.sessions[keys.SIM].get(key, payload=payload, timeout=timeout_s):
+    def ask(self, key: str, payload: bytes, timeout_s: float, plane: str = keys.SIM) -> bytes | None:
+        """The first answer to a query, None where nobody answers."""
+        get = self.sessions[plane].get
+        for reply in get(key, payload=payload, timeout=timeout_s, congestion_control=_congestion(plane)):
             if reply.ok is not None:
                 return reply.ok.payload.to_bytes()
         return None
 
-    def answer(self, key: str, reply: Callable[[bytes], bytes]) -> None:
-        """Answer queries on the sim plane."""
+    def answer(self, key: str, reply: Callable[[bytes], bytes], plane: str = keys.SIM) -> None:
+        """Answer queries; a radio that has no room loses the answer."""
 
         def on_query(query: zenoh.Query) -> None:
             with query:
                 query.reply(key, reply(query.payload.to_bytes() if query.payload else b""))
 
-        self.sessions[keys.SIM].declare_queryable(key, on_query)
+        self.sessions[plane].declare_queryable(key, on_query)
+
+
+def _congestion(plane: str) -> zenoh.CongestionControl:
+    return zenoh.CongestionControl.DROP if plane == keys.RADIO else zenoh.CongestionControl.BLOCK

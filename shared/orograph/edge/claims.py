@@ -40,6 +40,11 @@ class Claims:
         time.sleep(LEARN_S)
         bus.answer(keys.CLAIM, self._on_claim)
 
+    def holders(self) -> dict[str, dict[str, str]]:
+        """Robot -> service -> instance that holds it."""
+        with self._lock:
+            return self._table.holders()
+
     def _on_token(self, service: str, instance: str, robots: tuple[str, ...], alive: bool) -> None:
         with self._lock:
             if alive:

@@ -63,6 +63,13 @@ class Membership:
             if service in keys.ROBOT_SERVICES:
                 self._hold(service, instance, tuple(r for r in robots if r in self._robots))
 
+    def holders(self) -> dict[str, dict[str, str]]:
+        """Robot -> service -> instance, of all that is held."""
+        held: dict[str, dict[str, str]] = {robot: {} for robot in self._robots}
+        for (service, robot), instance in self._holder.items():
+            held[robot][service] = instance
+        return held
+
     def complete(self) -> tuple[str, ...]:
         """Robots of which every service is held."""
         return tuple(r for r in self._robots if all((s, r) in self._holder for s in keys.ROBOT_SERVICES))

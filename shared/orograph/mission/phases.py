@@ -37,15 +37,15 @@ class RunPhases:
     def hear_manager(self, status: ManagerStatus) -> None:
         """Take the manager's version and hash; a change starts every count again."""
         known = (status.version, status.glrm_hash)
-        if known != self._manager or not status.glrm_hash:
+        if known != self._manager:
             self._manager, self._repeats = known, 0
             self._agreements = dict.fromkeys(self._agreements, 0)
-        self._repeats += bool(status.glrm_hash)
+        self._repeats += 1
 
     def hear_mapping(self, robot: str, status: MappingStatus) -> None:
         """Take a robot's report: one more agreement in a row, or none."""
         held = (status.copy_version, status.copy_hash)
-        agrees = status.flushed and bool(status.copy_hash) and held == self._manager
+        agrees = status.flushed and held == self._manager
         self._agreements[robot] = self._agreements[robot] + 1 if agrees else 0
 
     def agreed(self) -> bool:

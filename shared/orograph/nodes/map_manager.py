@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph import keys
-from orograph.messages import Envelope, Frame, ManagerStatus, Message, Phase
+from orograph.messages import Envelope, Frame, ManagerStatus, Message
 from orograph.node import Note, Send
 from orograph.protocol.fold import FoldRules
 from orograph.protocol.manager import ManagerSync
@@ -30,7 +30,7 @@ class MapManagerNode:
         grid, self._robots = scenario.grid.grid, robots
         self._prior = prior_records(scenario)
         self._sync = ManagerSync(grid.shape, self._prior, FoldRules.of(scenario.rules), store, robots, stage)
-        self._phase, self._status_due_ns = "mapping", 0
+        self._status_due_ns = 0
         self._coverage: list[tuple[int, int, int]] = []
 
     def step(self, frame: Frame, inbox: Sequence[Envelope], send: Send, note: Note) -> None:
@@ -38,9 +38,7 @@ class MapManagerNode:
         from_robots: list[tuple[str, Message]] = []
         for envelope in inbox:
             service, robot = keys.split(envelope.sender)
-            if isinstance(envelope.message, Phase):
-                self._phase = envelope.message.name
-            elif service == keys.MAPPING:
+            if service == keys.MAPPING:
                 from_robots.append((robot, envelope.message))
 
         def send_to(robot: str | None, message: Message) -> None:
@@ -55,8 +53,8 @@ class MapManagerNode:
     def _report(self, now_ns: int, send: Send) -> None:
         confident, version = self._sync.confident_cells, self._sync.version
         self._coverage.append((now_ns, confident, version))
-        glrm_hash = b"" if self._phase == "mapping" else self._sync.hash()
-        send(keys.RADIO, keys.node(keys.ORCHESTRATOR), ManagerStatus(now_ns, version, glrm_hash, confident))
+        status = ManagerStatus(now_ns, version, self._sync.hash(), confident)
+        send(keys.RADIO, keys.node(keys.ORCHESTRATOR), status)
 
     def telemetry(self) -> Mapping[str, float]:
         """Figures of the protocol's manager side."""

@@ -171,8 +171,7 @@ class RobotMappingNode:
     def _status(self) -> MappingStatus:
         copy, waiting = self._sync.copy, self._sync.waiting_cells
         self._backlog.append((self._now_ns, waiting))
-        copy_hash = copy.hash() if self._flushing else b""
-        return MappingStatus(self._now_ns, self._flushed, waiting, copy.version, copy_hash)
+        return MappingStatus(self._now_ns, self._flushed, waiting, copy.version, copy.hash())
 
     def telemetry(self) -> Mapping[str, float]:
         """Scans and points dropped since the start, and the figures of the protocol's robot side."""

@@ -127,3 +127,12 @@ class Leases(RuleBasedStateMachine):
 
 Leases.TestCase.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
 TestLeases = Leases.TestCase
+
+
+def test_it_says_who_holds_what() -> None:
+    table = Membership(("robot_001", "robot_002"))
+    table.claim("laser", "a", 2)
+    table.claim("navigator", "b", 1)
+    assert table.holders() == {"robot_001": {"laser": "a", "navigator": "b"}, "robot_002": {"laser": "a"}}
+    table.lost("laser", "a")
+    assert table.holders() == {"robot_001": {"navigator": "b"}, "robot_002": {}}

@@ -116,16 +116,13 @@ class Run:
             if self._frame % 10 == 0 and not driver.deaf and not driver.dead:
                 self._report(robot, driver, frame.stamp_ns)
         if self._frame % 10 == 0:
-            glrm_hash = b"m" * 16 if self.phase == "flush" else b""
-            self._post(keys.MANAGER, ManagerStatus(frame.stamp_ns, 7, glrm_hash, 0))
+            self._post(keys.MANAGER, ManagerStatus(frame.stamp_ns, 7, b"m" * 16, 0))
         self._frame += 1
 
     def _report(self, robot: str, driver: Driver, now_ns: int) -> None:
         self._post(keys.node(keys.NAVIGATOR, robot), driver.status(now_ns))
-        flushing = self.phase == "flush"
-        held = self.copy_hash[robot] if flushing else b""
-        flushed = flushing and robot not in self.unflushed
-        self._post(keys.node(keys.MAPPING, robot), MappingStatus(now_ns, flushed, 0, 7, held))
+        flushed = self.phase == "flush" and robot not in self.unflushed
+        self._post(keys.node(keys.MAPPING, robot), MappingStatus(now_ns, flushed, 0, 7, self.copy_hash[robot]))
 
     def _post(self, sender: str, message: Message) -> None:
         self._inbox.append(Envelope(keys.RADIO, keys.ORCHESTRATOR, sender, self._frame, 0, message))
@@ -135,7 +132,7 @@ class Run:
             driver = self.drivers[keys.split(to)[1]]
             if not driver.deaf and not driver.dead:
                 driver.hear(message)
-        elif isinstance(message, Phase) and to == keys.MANAGER:
+        elif isinstance(message, Phase):
             self.phase = message.name
         elif isinstance(message, RunEnd):
             self.end = message
@@ -385,3 +382,18 @@ def test_unknown_waypoints_in_a_status_are_not_believed() -> None:
     patrol.review(1, 0, patrol.robots, silently)
     patrol.hear("robot_001", says(1, mission=1, visited=(3, 4095), given_up=(77,)), SECOND_NS, silently)
     assert patrol.open() == [0, 1, 2]
+
+
+def test_how_things_stand_is_told_while_and_after_a_robot_is_silent() -> None:
+    run = Run(street(2, 8))
+    assert run.node.standing is None
+    run.until(5)
+    told = run.node.standing
+    assert told is not None and told.manager is not None
+    assert (told.sim_time_s, told.phase, told.manager.hash) == (4.0, "mapping", "6d" * 16)
+    assert [r.copy_held.version for r in told.robots if r.copy_held] == [7, 7]
+    run.drivers["robot_002"].deaf = True
+    run.until(12)
+    one, two = run.node.standing.robots
+    assert one.drive_silent_s < 1.0 and one.copy_held.silent_s < 1.0
+    assert two.drive_silent_s > 5.0 and two.copy_held.silent_s == two.drive_silent_s and two.state == "driving"
