@@ -109,6 +109,7 @@ MAPPING = {
     "copy_gaps": _counter("copy_gaps", "Deltas that began after where the copy stood."),
     "copy_requests": _counter("copy_requests", "Repairs asked for."),
     "copy_repairs": _counter("copy_repairs", "Parts of repairs that came."),
+    "copy_digest_matches": _counter("copy_digest_matches", "Digests that the copy agreed with in every tile."),
     "copy_mismatches": _counter("copy_digest_mismatches", "Digests that differed from the copy."),
     "copy_rejected": _counter("copy_rejected_messages", "Deltas and digests that fit no map of this shape."),
 }

@@ -139,6 +139,7 @@ class GlrmCopy:
             return
         differing = np.flatnonzero((self._hashes.current() != digest.tiles).any(axis=1))
         if not len(differing):
+            self.counts["matches"] += 1
             self._confirm(digest.version)
         elif digest.version > self.version and not self._unsure and not (self.wanted and self._asked):
             self._want_since()

@@ -177,6 +177,7 @@ class RobotSync:
             "copy_gaps": self.copy.counts["gaps"],
             "copy_requests": self.copy.counts["requests"],
             "copy_repairs": self.copy.counts["repairs"],
+            "copy_digest_matches": self.copy.counts["matches"],
             "copy_mismatches": self.copy.counts["mismatches"],
             "copy_rejected": self.copy.counts["rejected"],
             "unexpected": self._counts["unexpected"],
