@@ -1,7 +1,7 @@
 """The reference: what the same rules give from noise-free dense scans along the patrol, moving bodies absent.
 
 It depends on the scenario and its number of robots alone, not on the run: each drives its share of the
-patrol, as it is split at the start, by the shortest way over the prior's free cells; a scan every SPACING_M, no stretch
+patrol, as it is split at the start, the way the navigator plans it over the prior; a scan every SPACING_M, no stretch
 twice. The clock runs at the robot's top speed.
 """
 
@@ -27,7 +27,7 @@ from orograph.scene import build_scene
 from orograph.scene.prior import given_layers, prior_records
 from orograph.sensing.truth import dense_scans
 
-VERSION = "2"
+VERSION = "3"
 """Grows with any change that moves the reference, so that kept ones are made anew."""
 SPACING_M = 2.0
 DENSITY = 1

@@ -1,14 +1,13 @@
-"""The reference route: every robot's share of the patrol by the shortest way over the prior's free cells, as poses."""
+"""The reference route: every robot's share of the patrol as the navigator would plan it over the prior, as poses."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
-from orograph.grid import Grid
-from orograph.mission.distances import BLOCKED, DrivingDistances
+from orograph.messages import PlanningMap
+from orograph.mission.distances import DrivingDistances
+from orograph.mission.planner import global_route
 from orograph.mission.split import split_patrol
 from orograph.mission.tour import VISIT_M
 from orograph.registers import unpack
@@ -16,15 +15,14 @@ from orograph.scenario import Scenario
 from orograph.scene.prior import prior_records
 
 F64 = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
-NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 
 def patrol_poses(scenario: Scenario, spacing_m: float) -> F64:
     """Poses (n, 3) x [m], y [m], yaw [rad] along every robot's share of the patrol, `spacing_m` apart, none twice."""
-    prior, grid = unpack(prior_records(scenario), scenario.grid.grid), scenario.grid.grid
-    free = ~(prior.occupation >= BLOCKED)
-    ways = [shortest_way(free, grid, stops) for stops in shares(scenario, DrivingDistances(prior.occupation, grid))]
+    records, grid = prior_records(scenario), scenario.grid.grid
+    told = PlanningMap(0, *grid.origin_m, grid.cell_m, True, records["occupation"].reshape(grid.shape))
+    roads = DrivingDistances(unpack(records, grid).occupation, grid)
+    ways = [planned_way(told, stops) for stops in shares(scenario, roads)]
     return without_repeats(np.concatenate([short_of_the_end(resampled(way, spacing_m)) for way in ways]), spacing_m)
 
 
@@ -45,46 +43,18 @@ def short_of_the_end(poses: F64) -> F64:
     return poses[: ending[-1] + 1] if ending.size else poses[:1]
 
 
-def shortest_way(free: Mask, grid: Grid, stops_m: F64) -> F64:
-    """Points (n, 2) [m] of the shortest 8-connected way through the stops in order, corners not cut.
+def planned_way(prior: PlanningMap, stops_m: F64) -> F64:
+    """Points (n, 2) [m] of the least difficult way through the stops (m, 2) in order, as the navigator plans it.
 
-    A stop on a blocked cell is reached at its nearest free one; one that cannot be reached is left out.
+    A stop that cannot be reached is left out.
     """
-    nodes = [_nearest_free(free, grid, stop) for stop in stops_m]
-    graph = _graph(free, grid.cell_m)
-    way = [nodes[0]]
-    for goal in nodes[1:]:
-        distance, before = dijkstra(graph, indices=goal, return_predecessors=True)
-        if not np.isfinite(distance[way[-1]]):
-            continue
-        while way[-1] != goal:
-            way.append(int(before[way[-1]]))
-    rows, cols = np.divmod(np.array(way), grid.cols)
-    x, y = grid.centres_m()
-    return np.stack([x[cols], y[rows]], axis=1)
-
-
-def _nearest_free(free: Mask, grid: Grid, stop_m: F64) -> int:
-    rows, cols = np.nonzero(free)
-    x, y = grid.centres_m()
-    best = int(np.argmin((x[cols] - stop_m[0]) ** 2 + (y[rows] - stop_m[1]) ** 2))
-    return int(rows[best] * grid.cols + cols[best])
-
-
-def _graph(free: Mask, cell_m: float) -> coo_array:
-    rows, cols = np.nonzero(free)
-    start, end, cost = [], [], []
-    for dr, dc in NEIGHBOURS:
-        r, c = rows + dr, cols + dc
-        inside = (r < free.shape[0]) & (c >= 0) & (c < free.shape[1])
-        r0, c0, r, c = rows[inside], cols[inside], r[inside], c[inside]
-        go = free[r, c] & free[r0, c] & free[r, c0]
-        start.append(r0[go] * free.shape[1] + c0[go])
-        end.append(r[go] * free.shape[1] + c[go])
-        cost.append(np.full(int(go.sum()), cell_m * np.hypot(dr, dc)))
-    a, b, w = np.concatenate(start), np.concatenate(end), np.concatenate(cost)
-    edges = np.concatenate([a, b]), np.concatenate([b, a])
-    return coo_array((np.concatenate([w, w]), edges), shape=(free.size, free.size)).tocsr()
+    legs, here = [stops_m[:1]], stops_m[0]
+    for goal in stops_m[1:]:
+        leg = global_route(prior, (here[0], here[1]), (goal[0], goal[1]))
+        if leg is not None and len(leg):
+            legs.append(leg)
+            here = leg[-1]
+    return np.concatenate(legs)
 
 
 def resampled(way_m: F64, spacing_m: float) -> F64:

@@ -1,70 +1,39 @@
 from __future__ import annotations
 
-import heapq
 import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from orograph.grid import Grid
+from orograph.messages import PlanningMap
 from orograph.mission.distances import DrivingDistances
-from orograph.report.route import patrol_poses, resampled, shares, short_of_the_end, shortest_way, without_repeats
+from orograph.report.route import patrol_poses, planned_way, resampled, shares, short_of_the_end, without_repeats
 from orograph.scenario import Scenario
 
-SIDE = 6
-GRID = Grid((10.0, -20.0), 5.0, (SIDE, SIDE))
+GRID = Grid((10.0, -20.0), 5.0, (30, 30))
 
 
-def plain_distance(free: np.ndarray, start: tuple[int, int], goal: tuple[int, int]) -> float:
-    """Textbook Dijkstra, corners not cut."""
-    best, queue = {start: 0.0}, [(0.0, start)]
-    while queue:
-        d, (r, c) = heapq.heappop(queue)
-        if (r, c) == goal:
-            return d
-        for dr in (-1, 0, 1):
-            for dc in (-1, 0, 1):
-                to = (r + dr, c + dc)
-                if to == (r, c) or not (0 <= to[0] < SIDE and 0 <= to[1] < SIDE):
-                    continue
-                if (
-                    free[to]
-                    and free[r, to[1]]
-                    and free[to[0], c]
-                    and d + 5 * math.hypot(dr, dc) < best.get(to, math.inf)
-                ):
-                    best[to] = d + 5 * math.hypot(dr, dc)
-                    heapq.heappush(queue, (best[to], to))
-    return math.inf
+def told(blocked: np.ndarray) -> PlanningMap:
+    return PlanningMap(0, *GRID.origin_m, GRID.cell_m, True, np.where(blocked, 254, 0).astype(np.uint8))
 
 
-@settings(max_examples=60, deadline=None)
-@given(
-    st.lists(st.booleans(), min_size=SIDE**2, max_size=SIDE**2),
-    st.integers(0, SIDE**2 - 1),
-    st.integers(0, SIDE**2 - 1),
-)
-def test_ways_are_shortest(blocked: list[bool], start: int, goal: int) -> None:
-    free = ~np.array(blocked).reshape(SIDE, SIDE)
-    a, b = divmod(start, SIDE), divmod(goal, SIDE)
-    free[a] = free[b] = True
-    way = shortest_way(free, GRID, np.array([GRID.centre_m(*a), GRID.centre_m(*b)]))
-    expected = plain_distance(free, a, b)
-    if math.isinf(expected):
-        assert len(way) == 1
-        return
-    assert way[0].tolist() == list(GRID.centre_m(*a))
-    assert way[-1].tolist() == list(GRID.centre_m(*b))
-    assert np.hypot(*np.diff(way, axis=0).T).sum() == pytest.approx(expected)
+def test_a_way_goes_round_a_wall_and_through_every_stop() -> None:
+    blocked = np.zeros(GRID.shape, np.bool_)
+    blocked[:20, 15] = True
+    stops = np.array([GRID.centre_m(3, 3), GRID.centre_m(3, 26), GRID.centre_m(26, 26)])
+    way = planned_way(told(blocked), stops)
+    assert all(np.hypot(*(way - stop).T).min() < 1e-9 for stop in stops)
+    rows, cols = GRID.rows_cols(way)
+    assert not blocked[rows, cols].any()
+    crossed = way[np.argmin(np.abs(way[:, 0] - GRID.centre_m(0, 15)[0]))]
+    assert crossed[1] > GRID.centre_m(19, 0)[1]
 
 
-def test_a_blocked_stop_is_reached_at_its_nearest_free_cell_and_a_walled_one_left_out() -> None:
-    free = np.ones((SIDE, SIDE), np.bool_)
-    free[:, 3] = False
-    stops = np.array([GRID.centre_m(0, 0), GRID.centre_m(0, 5), GRID.centre_m(2, 3) - np.array([0.5, 0.0])])
-    way = shortest_way(free, GRID, stops)
-    assert way[-1].tolist() == list(GRID.centre_m(2, 2))
+def test_a_stop_off_the_map_is_left_out() -> None:
+    stops = np.array([GRID.centre_m(3, 3), (-500.0, 0.0), GRID.centre_m(3, 9)])
+    way = planned_way(told(np.zeros(GRID.shape, np.bool_)), stops)
+    assert way[0].tolist() == list(GRID.centre_m(3, 3)) and way[-1].tolist() == list(GRID.centre_m(3, 9))
+    assert np.hypot(*np.diff(way, axis=0).T).sum() == pytest.approx(30.0)
 
 
 def test_resampling_keeps_its_distance_and_faces_ahead() -> None:
