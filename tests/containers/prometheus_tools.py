@@ -14,6 +14,7 @@ import urllib.parse
 import urllib.request
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -31,16 +32,22 @@ def image() -> str:
     return str(yaml.safe_load((ROOT / "compose.yaml").read_text())["services"]["prometheus"]["image"])
 
 
+@cache
+def _make_image() -> str:
+    """Make sure of Prometheus's image; returns why there is none."""
+    made = subprocess.run([ROOT / "ops/offline-images", "prometheus"], capture_output=True, text=True, timeout=240)
+    return made.stderr.strip() if made.returncode else ""
+
+
 def command(name: str, mounts: Sequence[Path] = (), cidfile: Path | None = None) -> list[str]:
     """Start of a command line that runs `prometheus` or `promtool`; fails where neither form is to be had."""
     if (found := shutil.which(name)) is not None:
         return [found]
-    docker = shutil.which("docker")
-    if docker is None or subprocess.run([docker, "image", "inspect", image()], capture_output=True).returncode:
-        pytest.fail(f"neither {name} on the path nor the image {image()}: run ops/offline-images prometheus")
+    if problem := _make_image():
+        pytest.fail(f"no {name} on the path, and no image of it: {problem}", pytrace=False)
     binds = [option for path in (OPS, *mounts) for option in ("--volume", f"{path}:{path}")]
     return [
-        docker, "run", "--rm", "--interactive", "--label", LABEL, "--network", "host",
+        "docker", "run", "--rm", "--interactive", "--label", LABEL, "--network", "host",
         "--user", f"{os.getuid()}:{os.getgid()}", "--workdir", str(OPS), "--entrypoint", f"/bin/{name}", *binds,
         *(["--cidfile", str(cidfile)] if cidfile else []), image(),
     ]  # fmt: skip

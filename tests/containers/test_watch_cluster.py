@@ -18,7 +18,7 @@ WITHIN_S = 60.0
 def cluster(start: Callable[..., Cluster]) -> Cluster:
     call(str(ROOT / "ops/offline-images"), "prometheus")
     made = start(ROBOTS=str(ROBOTS), SCENARIO="tiny", TIME_SCALE="0.5", PROMETHEUS_PORT=str(free_port()))
-    made.up()
+    made.up(within_s=180)
     # By name: Grafana's image may be out of reach.
     made.up("prometheus")
     return made
@@ -54,7 +54,7 @@ def test_each_robot_is_held_once_in_each_service(prometheus: Prometheus) -> None
 
 
 def test_a_replica_that_comes_later_is_found_and_is_a_spare(cluster: Cluster, prometheus: Prometheus) -> None:
-    cluster.compose("up", "--detach", "--no-recreate", "--scale", f"laser={ROBOTS + 1}", "laser")
+    cluster.compose("up", "--detach", "--no-recreate", "--no-deps", "--scale", f"laser={ROBOTS + 1}", "laser")
     until(lambda: up(prometheus).get("laser") == ROBOTS + 1, "the new laser is not scraped", WITHIN_S)
     until(
         lambda: prometheus.query('sum(orograph_claims_total{answer="refused"}) > 0'), "no claim was refused", WITHIN_S
