@@ -15,11 +15,12 @@ def free_endpoint() -> str:
 
 
 @pytest.fixture
-def start_router() -> Iterator[Callable[[str], subprocess.Popen[bytes]]]:
+def start_router() -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
     started: list[subprocess.Popen[bytes]] = []
 
-    def start(endpoint: str) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", "services.router", "--listen", endpoint]
+    def start(endpoint: str, *peers: str) -> subprocess.Popen[bytes]:
+        links = [word for peer in peers for word in ("--peer", peer)]
+        command = [sys.executable, "-m", "services.router", "--listen", endpoint, *links]
         started.append(subprocess.Popen(command))
         return started[-1]
 
@@ -30,7 +31,7 @@ def start_router() -> Iterator[Callable[[str], subprocess.Popen[bytes]]]:
 
 
 @pytest.fixture
-def endpoint(start_router: Callable[[str], subprocess.Popen[bytes]]) -> str:
+def endpoint(start_router: Callable[..., subprocess.Popen[bytes]]) -> str:
     address = free_endpoint()
     start_router(address)
     return address

@@ -138,6 +138,7 @@ def headline(standing: Standing) -> Text:
 def _robots(standing: Standing) -> Table:
     names = ("robot", " ".join(WORKERS), "radio", "state", "goals", "waiting", "version", "copy of the map")
     table = Table(*names, box=None, pad_edge=False)
+    table.columns[1].no_wrap = table.columns[-1].no_wrap = True
     for robot in standing.robots:
         copy, backlog = robot.copy_held, robot.backlog_cells
         table.add_row(

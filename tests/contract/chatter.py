@@ -1,0 +1,119 @@
+"""Nodes that chat in lockstep over a real router, and the same in one process to compare with."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from orograph import keys
+from orograph.edge.bus import Bus
+from orograph.edge.clock import Clock
+from orograph.edge.host import NodeHost
+from orograph.edge.participant import Participant, Ticks
+from orograph.edge.recording import Recording
+from orograph.messages import Drive, Envelope, Frame
+from orograph.scenario import Scenario
+
+FRAMES = 40
+SCENARIO = Scenario.model_validate(
+    {
+        "name": "t",
+        "title": "t",
+        "starts": [{"x_m": 1, "y_m": 1}],
+        "robots": 1,
+        "base_station_m": [1, 1],
+        "patrol": [[2, 2]],
+    }
+)
+
+
+class Chatter:
+    """Sends a number that depends on everything it has heard, in order; so any disorder shows in the end."""
+
+    def __init__(self, name: str, peers: Sequence[str], plane: str = keys.SIM) -> None:
+        self.name, self._peers, self._plane = name, peers, plane
+        self.state, self.frames, self.stepped = 1, 0, threading.Event()
+
+    def step(self, frame: Frame, inbox: Sequence[Envelope], send: Callable, note: Callable) -> None:
+        for envelope in inbox:
+            if isinstance(envelope.message, Drive):
+                self.state = (self.state * 31 + envelope.message.stamp_ns * 7 + len(envelope.sender)) % 1_000_003
+        for peer in self._peers:
+            send(self._plane, peer, Drive(self.state, 0.0, 0.0))
+        self.frames += 1
+        self.stepped.set()
+
+    def telemetry(self) -> Mapping[str, float]:
+        return {"frames": self.frames}
+
+    def artifacts(self) -> Mapping[str, np.ndarray]:
+        return {"state": np.array(self.state)}
+
+
+class Stop:
+    def __init__(self) -> None:
+        self.stop = threading.Event()
+
+    def alive(self, ready: bool = True) -> None:
+        pass
+
+
+NAMES = [keys.WORLD, keys.MANAGER, keys.ORCHESTRATOR, "navigator/robot_001"]
+
+
+def make_chatters() -> dict[str, Chatter]:
+    return {n: Chatter(n, [p for p in NAMES if p != n]) for n in NAMES}
+
+
+def in_one_process() -> dict[str, int]:
+    chatters = make_chatters()
+    boxes: dict[str, list[Envelope]] = {n: [] for n in NAMES}
+    for k in range(FRAMES):
+        sent = [e for name in sorted(NAMES) for e in sent_by(chatters[name], k, boxes[name])]
+        boxes = {n: [e for e in sent if e.to == n] for n in NAMES}
+    return {n: c.state for n, c in chatters.items()}
+
+
+def sent_by(chatter: Chatter, k: int, inbox: list[Envelope]) -> list[Envelope]:
+    sent: list[Envelope] = []
+    chatter.step(
+        Frame(k, k, 1),
+        inbox,
+        lambda plane, to, m: sent.append(Envelope(plane, to, chatter.name, k, len(sent), m)),
+        lambda *a: None,
+    )
+    return sent
+
+
+def participate(endpoint: str, node: Chatter, guard: Stop, out: Path) -> threading.Thread:
+    def run() -> None:
+        process = node.name.replace("/", "-")
+        with Recording(out, process) as recording, Bus.open(endpoint, None, guard.stop) as bus:
+            host = NodeHost(bus, [node], SCENARIO, recording)
+            with bus.token("any", node.name.replace("/", "-"), ()):
+                Participant(bus, host, node.name.replace("/", "-"), SCENARIO, guard, Ticks(bus)).run()
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    return thread
+
+
+def make_clock(
+    bus: Bus, world: Chatter, guard: Stop, recording: Recording, wanted: Sequence[str], frames: int = FRAMES
+) -> Clock:  # fmt: skip
+    host = NodeHost(bus, [world], SCENARIO, recording)
+    muster = lambda nodes: set(wanted) - nodes  # noqa: E731
+    return Clock(
+        bus, host, SCENARIO, guard, ended=lambda: world.frames >= frames, down=lambda: (), muster=muster
+    )  # fmt: skip
+
+
+def await_progress(chatter: Chatter, frames: int = 20) -> None:
+    goal, deadline = chatter.frames + frames, time.monotonic() + 20
+    while chatter.frames < goal:
+        assert time.monotonic() < deadline, "the clock stands still"
+        chatter.stepped.clear()
+        chatter.stepped.wait(0.5)
