@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.current
 DEMO ?= scenarios/helsinki
 
-.PHONY: help setup demo check test bench study image up down logs fetch-run cluster-test clean
+.PHONY: help setup demo check test bench study image up down logs fetch-run cluster-test chaos clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -56,6 +56,9 @@ fetch-run: ## copy the cluster's newest run to runs/
 
 cluster-test: setup image ## the tests in containers (needs a Docker engine)
 	$(BIN)/pytest -m containers
+
+chaos: setup image ## break the cluster and judge what it recorded, all in about 35 minutes: ONLY=F1,F8
+	PYTHONPATH=tests $(BIN)/python -m chaos.runner --only "$(ONLY)"
 
 clean: ## remove .venv and runs
 	rm -rf $(VENV) runs

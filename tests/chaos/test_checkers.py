@@ -1,4 +1,4 @@
-"""Every checker of the chaos suite shown once to pass and once to fail, on a run without containers and made-up lines."""
+"""Every chaos checker shown once to pass and once to fail, on a run without containers and made-up lines."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from chaos import checkers
 from chaos.cluster import call
