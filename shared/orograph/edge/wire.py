@@ -136,7 +136,8 @@ def _decode_array(value: Any, spec: Field[Any]) -> np.ndarray[Any, Any]:
         raise Rejected("shape", spec.name)
     if math.prod(shape) > spec.metadata["high"] or math.prod(shape) * dtype.itemsize != len(content):
         raise Rejected("shape", spec.name)
-    decoded = np.frombuffer(content, dtype).reshape(shape)
+    # Writable, as an array that never was on a wire: Numba compiles a kernel anew for one that is read-only.
+    decoded = np.frombuffer(bytearray(content), dtype).reshape(shape)
     if not _finite(decoded):
         raise Rejected("range", spec.name)
     return decoded
