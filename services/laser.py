@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from orograph import keys
 from orograph.edge.briefing import Briefing
-from orograph.edge.guard import Guard, options
+from orograph.edge.guard import Guard, leave, options
 from orograph.edge.participant import take_part
 from orograph.edge.settings import Settings
 from orograph.nodes.fleet import robots_of
@@ -21,3 +21,4 @@ def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[LaserNode],
 if __name__ == "__main__":
     guard = Guard(keys.LASER, options(__doc__).parse_args())
     take_part(keys.LASER, Settings.from_environment(), guard, build)
+    leave()

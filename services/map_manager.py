@@ -6,7 +6,7 @@ import time
 
 from orograph import keys
 from orograph.edge.briefing import Briefing
-from orograph.edge.guard import Guard, options
+from orograph.edge.guard import Guard, leave, options
 from orograph.edge.participant import take_part
 from orograph.edge.settings import Settings
 from orograph.edge.store import SqliteStore
@@ -26,3 +26,4 @@ def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[MapManagerN
 if __name__ == "__main__":
     guard = Guard(keys.MANAGER, options(__doc__).parse_args())
     take_part(keys.MANAGER, Settings.from_environment(), guard, build)
+    leave()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from orograph import keys
 from orograph.edge.briefing import Briefing
-from orograph.edge.guard import Guard, options
+from orograph.edge.guard import Guard, leave, options
 from orograph.edge.participant import take_part
 from orograph.edge.settings import Settings
 from orograph.nodes.navigator import NavigatorNode
@@ -20,3 +20,4 @@ def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[NavigatorNo
 if __name__ == "__main__":
     guard = Guard(keys.NAVIGATOR, options(__doc__).parse_args())
     take_part(keys.NAVIGATOR, Settings.from_environment(), guard, build)
+    leave()

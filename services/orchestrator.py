@@ -13,7 +13,7 @@ from orograph.edge import wire
 from orograph.edge.briefing import Briefing, answer
 from orograph.edge.bus import Bus
 from orograph.edge.claims import Claims
-from orograph.edge.guard import Guard, options, whole_number
+from orograph.edge.guard import Guard, leave, options, whole_number
 from orograph.edge.participant import take_part
 from orograph.edge.scenario_file import ScenarioError, load_scenario
 from orograph.edge.settings import Settings
@@ -73,4 +73,4 @@ def _direct(campaign: Campaign, settings: Settings, guard: Guard, start_with: in
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

@@ -7,7 +7,7 @@ import uuid
 
 from orograph import keys
 from orograph.edge.briefing import Briefing
-from orograph.edge.guard import Guard, options
+from orograph.edge.guard import Guard, leave, options
 from orograph.edge.participant import take_part
 from orograph.edge.settings import Settings
 from orograph.nodes.robot_mapping import RobotMappingNode
@@ -28,3 +28,4 @@ def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[RobotMappin
 if __name__ == "__main__":
     guard = Guard(keys.MAPPING, options(__doc__).parse_args())
     take_part(keys.MAPPING, Settings.from_environment(), guard, build)
+    leave()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 
 from orograph.edge import metrics
-from orograph.edge.guard import Guard, options
+from orograph.edge.guard import Guard, leave, options
 from orograph.edge.session import open_router
 
 
@@ -30,4 +30,4 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

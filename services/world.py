@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from contextlib import suppress
 
 from orograph import keys
 from orograph.edge.briefing import Briefing, answer, await_briefing
 from orograph.edge.bus import Bus
 from orograph.edge.clock import Clock
-from orograph.edge.guard import Guard, options, whole_number
+from orograph.edge.guard import Guard, leave, options, whole_number
 from orograph.edge.host import NodeHost
 from orograph.edge.recording import Recording
 from orograph.edge.settings import Settings
@@ -53,4 +52,4 @@ def _turn(bus: Bus, briefing: Briefing, guard: Guard, start_with: int | None) ->
 
 if __name__ == "__main__":
     main()
-    sys.exit(0)
+    leave()

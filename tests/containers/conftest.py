@@ -62,13 +62,9 @@ class Cluster:
         return call("docker", "exec", container, "sh", "-c", script, check=check).stdout
 
     def holders(self, service: str) -> dict[str, str]:
-        """Robot -> container of `service` whose last word says that it holds the robot."""
-        found = {}
-        for container in self.containers(service):
-            ready = [line for line in self.logs(container).splitlines() if "ready: " in line]
-            if ready:
-                found[ready[-1].rsplit("/", 1)[1]] = container
-        return found
+        """Robot -> container of `service` that took it last; a container's lines begin with their time."""
+        ready = [(line, c) for c in self.containers(service) for line in self.logs(c).splitlines() if "ready: " in line]
+        return {line.rsplit("/", 1)[1]: container for line, container in sorted(ready)}
 
     def exit_code(self, container: str) -> int | None:
         """None while it runs."""
