@@ -29,7 +29,7 @@ EXPLAINED = ("rejected_fenced_epoch",)
 
 def mission_ended(e: Evidence) -> list[str]:
     """0: the mission came to its end, every robot flushed, every service left its part."""
-    missing = [f"0: {name} left nothing" for name in e.parts.missing()]
+    missing = [f"0: {name} left nothing" for name in e.parts.missing() if keys.split(name)[1] not in e.left]
     return missing if e.parts.run.get("complete") else ["0: the mission did not complete", *missing]
 
 
@@ -40,7 +40,7 @@ def history(e: Evidence) -> History:
     return History(
         size=e.parts.glrm_grid.size, acked=_acked(e), recovered=[e.recovered], loads=_loads(e),
         manager_hash=b"" if glrm is None else map_hash(glrm),
-        copy_hashes={robot: map_hash(copy) for robot, copy in e.ledger.copies.items()},
+        copy_hashes={robot: map_hash(copy) for robot, copy in e.ledger.copies.items() if robot not in e.left},
         quiet=bool(e.parts.run.get("complete")), prior=prior, glrm=glrm, registers=e.ledger.held,
         restarts=sum(e.restarted.values()), conflicts=e.conflicts,
         fenced={(str(x["robot"]), int(x["epoch"])) for x in e.parts.events if x["event"] == "fenced"},
@@ -80,7 +80,7 @@ def acknowledged_is_kept(e: Evidence) -> list[str]:
 
 def copies_are_equal(e: Evidence) -> list[str]:
     """2: every robot's copy has the manager's hash at the end."""
-    missing = [f"2: {robot} left no copy" for robot in e.parts.robots if robot not in e.ledger.copies]
+    missing = [f"2: {robot} left no copy" for robot in e.staying if robot not in e.ledger.copies]
     return missing + simulated.copies_are_equal(history(e))
 
 
@@ -88,7 +88,7 @@ def registers_are_own_evidence(e: Evidence) -> list[str]:
     """3: every register says what its robot's mapper says, whenever the last scan in it was."""
     wrong = []
     names = [name for name in RECORD.names or () if name not in ("seq", "tick")]
-    for robot, own in e.ledger.own.items():
+    for robot, own in ((robot, own) for robot, own in e.ledger.own.items() if robot not in e.left):
         held = e.ledger.held[e.ledger.held["robot"] == keys.robot_number(robot)]
         if len(held) != len(own) or any(not np.array_equal(held[name], own[name]) for name in names):
             wrong.append(f"3: {robot}'s registers ({len(held)}) are not its own evidence ({len(own)})")

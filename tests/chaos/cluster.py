@@ -17,7 +17,8 @@ from typing import Any
 ROOT = Path(__file__).parents[2]
 COMPOSE = ROOT / "ops" / "compose"
 CHAOS = Path(__file__).parent
-POLL_S = 0.1
+POLL_S = 0.5
+"""Between questions to Docker, each of which is a process."""
 
 
 class ChaosError(Exception):
@@ -35,13 +36,13 @@ def call(*command: str, env: Mapping[str, str] | None = None, check: bool = True
     return done.stdout
 
 
-def until(condition: Callable[[], Any], what: str, within_s: float) -> Any:
+def until(condition: Callable[[], Any], what: str, within_s: float, poll_s: float = POLL_S) -> Any:
     """Poll until the condition holds and return it; raises ChaosError naming what never came."""
     deadline_s = time.monotonic() + within_s
     while not (found := condition()):
         if time.monotonic() > deadline_s:
             raise ChaosError(f"not within {within_s:.0f} s: {what}")
-        time.sleep(POLL_S)
+        time.sleep(poll_s)
     return found
 
 
@@ -85,6 +86,14 @@ class Cluster:
         if len(found) != 1:
             raise ChaosError(f"{len(found)} containers of {service}, expected one")
         return found[0]
+
+    def states(self) -> list[tuple[str, str]]:
+        """(service, Docker's word for its state) of every container."""
+        told = call(
+            "docker", "ps", "--all", "--filter", f"label=com.docker.compose.project={self.project}",
+            "--format", '{{.Label "com.docker.compose.service"}} {{.State}}',
+        )  # fmt: skip
+        return [(service, state) for service, state in (line.split() for line in told.splitlines())]
 
     def holders(self, service: str) -> dict[str, str]:
         """Robot -> container of `service` whose last word says that it holds the robot."""

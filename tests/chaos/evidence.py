@@ -51,6 +51,13 @@ class Evidence:
     conflicts: int = 0
     healthy: tuple[str, ...] = ()
     """Robots that were not at fault, nor anything that they need."""
+    left: frozenset[str] = frozenset()
+    """Robots whose mapping was taken away for good; what was acknowledged to them stays."""
+
+    @property
+    def staying(self) -> tuple[str, ...]:
+        """Robots that were there at the end."""
+        return tuple(robot for robot in self.parts.robots if robot not in self.left)
 
     def of(self, kind: str) -> list[Line]:
         """The witness's lines of one kind, in order."""
@@ -109,10 +116,10 @@ def settled_s(evidence: Evidence) -> float | None:
     if heal is None:
         return None
     version = max((f["version"] for at, f in evidence.figures(keys.MANAGER) if at <= heal.at), default=0.0)
-    times = [_agreed_at(evidence, robot, heal.at, version) for robot in evidence.parts.robots]
+    times = [_agreed_at(evidence, robot, heal.at, version) for robot in evidence.staying]
     if None in times:
         return None
-    pairs = zip(evidence.parts.robots, times, strict=True)
+    pairs = zip(evidence.staying, times, strict=True)
     return max(at - heal.at - _shadow_s(evidence, robot, heal.at, at) for robot, at in pairs if at is not None)
 
 

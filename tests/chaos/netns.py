@@ -78,9 +78,3 @@ def dropping(containers: Sequence[str], router: str, percent: int, directions: S
                 _enter(pid, "nft", "delete", "table", "inet", TABLE)
             else:
                 _by_iptables(pid, router, percent, directions, "-D")
-
-
-def squeeze(container: str) -> None:
-    """Lower a container's memory limit until the kernel has to end what is in it."""
-    for mib in (200, 150, 120, 100, 80, 60, 40):
-        call("docker", "update", "--memory", f"{mib}m", "--memory-swap", f"{mib}m", container, check=False)

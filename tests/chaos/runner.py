@@ -65,7 +65,7 @@ def _mission(experiment: Experiment, cluster: Cluster, seed: int, keep: Path | N
         lines = list(watch.lines)
         evidence = read(folder, lines, mission.actions)
     evidence.restarted, evidence.conflicts = mission.restarted, mission.conflicts
-    evidence.healthy = experiment.healthy
+    evidence.healthy, evidence.left = experiment.healthy, frozenset(mission.left)
     return evidence
 
 
@@ -79,8 +79,7 @@ def _await_end(cluster: Cluster) -> None:
 
     def ended() -> bool:
         services = (keys.WORLD, keys.MANAGER, *keys.ROBOT_SERVICES)
-        states = [cluster.state(c) for service in services for c in cluster.containers(service)]
-        return not any(s["Running"] or s["Restarting"] or s["Paused"] for s in states)
+        return all(state == "exited" for service, state in cluster.states() if service in services)
 
     until(ended, "the mission's end", END_WITHIN_S)
 

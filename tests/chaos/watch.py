@@ -11,6 +11,7 @@ from typing import Any
 
 from chaos.cluster import Cluster, until
 
+LOOK_S = 0.05
 Line = dict[str, Any]
 Figures = dict[str, dict[str, float]]
 
@@ -56,8 +57,8 @@ class Watch:
 
     def await_frame(self, frame: int, within_s: float = 120.0) -> None:
         """Until the world has come so far."""
-        until(lambda: self.frame >= frame, f"frame {frame} (now {self.frame})", within_s)
+        until(lambda: self.frame >= frame, f"frame {frame} (now {self.frame})", within_s, LOOK_S)
 
     def await_figure(self, node: str, figure: str, holds: Callable[[float], bool], within_s: float = 60.0) -> None:
         """Until a figure is as wanted."""
-        until(lambda: holds(self.of(node, figure)), f"{figure} of {node} ({self.of(node, figure)})", within_s)
+        until(lambda: holds(self.of(node, figure)), f"{figure} of {node} ({self.of(node, figure)})", within_s, LOOK_S)
