@@ -39,7 +39,7 @@ def _rules(router: str, percent: int, directions: Sequence[str]) -> str:
         lines.append(
             f"chain {hook} {{ type filter hook {hook} priority 0; policy accept; {match} {chance}counter drop; }}"
         )
-    return f"table inet {TABLE} {{ {' '.join(lines)} }}"
+    return "\n".join([f"table inet {TABLE} {{", *lines, "}", ""])
 
 
 def _by_iptables(pid: str, router: str, percent: int, directions: Sequence[str], verb: str) -> tuple[bool, str]:
