@@ -26,7 +26,7 @@ ROUTER = "tcp/127.0.0.1:17448"
 ANSWER_S = 2.0
 WATCH_EVERY_S = 1.0
 INSTANCE_SHOWN = 4
-HASH_SHOWN = 8
+HASH_SHOWN = 6
 WORKERS = {"las.": keys.LASER, "map.": keys.MAPPING, "nav.": keys.NAVIGATOR}
 """Heads of the column of workers."""
 
@@ -93,7 +93,7 @@ def ask(bus: Bus, endpoint: str) -> Standing:
 
 
 def watch(bus: Bus, endpoint: str, as_json: bool) -> None:
-    """Show it anew every second until Ctrl-C; silence is shown too, and does not end the watch."""
+    """Show it anew every second until Ctrl-C; on a terminal silence is shown, elsewhere it ends the watch."""
     console = Console()
     try:
         if as_json or not console.is_terminal:
@@ -136,9 +136,10 @@ def headline(standing: Standing) -> Text:
 
 
 def _robots(standing: Standing) -> Table:
-    names = ("robot", " ".join(WORKERS), "radio", "state", "goals", "waiting", "version", "copy of the map")
-    table = Table(*names, box=None, pad_edge=False)
-    table.columns[1].no_wrap = table.columns[-1].no_wrap = True
+    names = ("robot", " ".join(WORKERS), "radio", "state", "goals", "backlog", "version", "copy's hash")
+    table = Table(*names, box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    for column in table.columns:
+        column.no_wrap = column.header != "radio"
     for robot in standing.robots:
         copy, backlog = robot.copy_held, robot.backlog_cells
         table.add_row(

@@ -56,10 +56,10 @@ def shown(told: Standing) -> list[str]:
 def test_the_table_says_what_each_robot_is_up_to() -> None:
     lines = shown(standing())
     head = " ".join(line.strip() for line in lines[: lines.index("")])
-    assert head.startswith("tiny-001") and "25.0%" in head and "version 7, 6d6d6d6d" in head and "mapping" in head
+    assert head.startswith("tiny-001") and "25.0%" in head and "version 7, 6d6d6d" in head and "mapping" in head
     one, two = (next(line for line in lines if line.startswith(r)).split() for r in ROBOTS)
-    assert one[1:] == ["a1b2", "d4e5", "0718", "up", "driving", "2", "31", "7", "6d6d6d6d", "equal"]
-    assert two[1:] == ["none", "d4e5", "0718", "down", "12", "s", "driving", "2", "31", "4", "6f6f6f6f", "behind"]
+    assert one[1:] == ["a1b2", "d4e5", "0718", "up", "driving", "2", "31", "7", "6d6d6d", "equal"]
+    assert two[1:] == ["none", "d4e5", "0718", "down", "12", "s", "driving", "2", "31", "4", "6f6f6f", "behind"]
 
 
 def test_the_table_fits_a_terminal_of_80_columns() -> None:
