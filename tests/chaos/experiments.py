@@ -62,6 +62,9 @@ OTHER = ("robot_002",)
 PACED = {"TIME_SCALE": "1.5"}
 """Where a fault has to last for seconds of the mission as well, and lockstep would run past it."""
 
+SLOW = {"TIME_SCALE": "0.75"}
+"""Where a service has to start again: a mission is no longer than its robots wait, and Python starts slowly."""
+
 EXPERIMENTS = (
     Experiment("F0", "no fault", n.nothing, healthy=("robot_001", "robot_002")),
     Experiment("F1", "robot's radio cut 5 s", n.radio_cut(5.0), healthy=OTHER),
@@ -74,21 +77,21 @@ EXPERIMENTS = (
                n.one_after_the_other(n.proxied("rate 32000", 10.0), n.proxied("delay 500 200", 10.0)), PACED, PROXY),
     Experiment("F7", "connections reset every second 10 s", n.proxied("reset 1", 10.0), PACED, PROXY),
     Experiment("F8", "radio router killed", n.router_down(0.5)),
-    Experiment("F9", "manager kill -9 three times", n.manager_killed(), PACED),
+    Experiment("F9", "manager kill -9 three times", n.manager_killed(), SLOW),
     Experiment("F12", "manager's disk full 10 s", n.disk_full(RUN_FOLDER, 10.0), PACED, SMALL_DISK),
-    Experiment("F13", "robot-mapping kill -9 twice", n.mapping_killed(), PACED, healthy=OTHER),
+    Experiment("F13", "robot-mapping kill -9 twice", n.mapping_killed(), SLOW, healthy=OTHER),
     Experiment("F14", "manager and a robot paused 15 s", n.paused((keys.MANAGER, keys.MAPPING), 15.0), PACED),
-    Experiment("F16", "robot-mapping out of memory", n.out_of_memory, PACED, healthy=OTHER),
+    Experiment("F16", "robot-mapping out of memory", n.out_of_memory, SLOW, healthy=OTHER),
     Experiment("F18", "scaled 1 -> 4 -> 2", n.scaled((1, 4, 2)), {"ROBOTS": "4", "START_WITH": "1"}),
     Experiment("F19", "second worker with the same id", n.second_worker, healthy=("robot_001", "robot_002")),
-    Experiment("F22", "rolling restart of all but world", n.rolling_restart, PACED),
+    Experiment("F22", "rolling restart of all but world", n.rolling_restart, SLOW),
     Experiment("F23", "laser paused 6 s, then world 6 s",
                n.one_after_the_other(n.paused((keys.LASER,), 6.0), n.paused((keys.WORLD,), 6.0, 200))),
-    Experiment("F24", "orchestrator kill -9", n.orchestrator_killed, PACED, healthy=("robot_001", "robot_002")),
-    Experiment("F27a", "storm, seed 1", n.storm, {**PACED, "SEED": "1"}),
-    Experiment("F27b", "storm, seed 2", n.storm, {**PACED, "SEED": "2"}),
-    Experiment("F27c", "storm, seed 3", n.storm, {**PACED, "SEED": "3"}),
-    Experiment("M1", "MUTANT: acknowledges before it commits", n.manager_killed((150, 300)), PACED,
+    Experiment("F24", "orchestrator kill -9", n.orchestrator_killed, SLOW, healthy=("robot_001", "robot_002")),
+    Experiment("F27a", "storm, seed 1", n.storm, {**SLOW, "SEED": "1"}),
+    Experiment("F27b", "storm, seed 2", n.storm, {**SLOW, "SEED": "2"}),
+    Experiment("F27c", "storm, seed 3", n.storm, {**SLOW, "SEED": "3"}),
+    Experiment("M1", "MUTANT: acknowledges before it commits", n.manager_killed((200,)), SLOW,
                overlay=mutant(keys.MANAGER, "late_store.py"), must_be_red=True),
     Experiment("M2", "MUTANT: forgets unsent cells on reconnect", n.router_down(4.0, 120),
                overlay=mutant(keys.MAPPING, "forgetful.py"), must_be_red=True),
