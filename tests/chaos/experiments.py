@@ -12,7 +12,7 @@ from orograph import keys
 RUN_FOLDER = "/run/orograph/tiny-001"
 SMALL_DISK = {
     "services": {
-        keys.MANAGER: {"volumes": [f"disk:{RUN_FOLDER}"]},
+        keys.MANAGER: {"volumes": ["disk:/run/orograph"]},
         # Holds the volume, which lives in memory, when the manager has ended.
         "witness": {"volumes": ["disk:/disk:ro"]},
     },

@@ -17,6 +17,7 @@ from orograph import keys
 ROUTER = "router-radio"
 BEGIN_FRAME = 60
 RECOVER_S = 120.0
+STEADY_SCANS = 4
 
 
 @dataclass
@@ -46,7 +47,10 @@ class Mission:
         threading.Event().wait(seconds)
 
     def begin(self, frame: int = BEGIN_FRAME) -> None:
-        """Let the mission come to `frame` unharmed."""
+        """Let the mission come to `frame`, and to a steady state: every robot drives and maps."""
+        for robot in () if self.actions else self.cluster.holders(keys.MAPPING):
+            self.watch.await_figure(keys.node(keys.MAPPING, robot), "scans", lambda n: n >= STEADY_SCANS, RECOVER_S)
+            self.watch.await_figure(keys.node(keys.NAVIGATOR, robot), "driven_m", lambda m: m > 0.5, RECOVER_S)
         self.watch.await_frame(frame)
 
     def radio_of(self, robot: str) -> list[str]:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import signal
+import subprocess
 import sys
+import tarfile
 import time
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -94,15 +97,10 @@ def _keep(cluster: Cluster, watch: Watch, out: Path) -> None:
 
 
 def _fetch_disk(cluster: Cluster, folder: Path) -> None:
-    """The manager's small disk, seen through the witness that held it."""
-    import io
-    import subprocess
-    import tarfile
-
-    done = subprocess.run(
-        ["docker", "exec", cluster.only("witness"), "tar", "-C", "/disk", "-c", "."], capture_output=True, check=True
-    )
-    with tarfile.open(fileobj=io.BytesIO(done.stdout)) as tar:
+    """The manager's small disk, seen through the witness that held it, put where the run's other parts are."""
+    line = ["docker", "exec", cluster.only("witness"), "tar", "-C", f"/disk/{folder.name}", "-c", "."]
+    packed = subprocess.run(line, capture_output=True, check=True).stdout
+    with tarfile.open(fileobj=io.BytesIO(packed)) as tar:
         tar.extractall(folder, filter="data")
 
 
