@@ -57,7 +57,7 @@ fetch-run: ## copy the cluster's newest run to runs/
 cluster-test: setup image ## the tests in containers (needs a Docker engine)
 	$(BIN)/pytest -m containers
 
-chaos: setup image ## break the cluster and judge what it recorded, all in about 35 minutes: ONLY=F1,F8
+chaos: setup image ## break the cluster and judge what it recorded, about an hour at most: ONLY=F1,F8
 	PYTHONPATH=tests $(BIN)/python -m chaos.runner --only "$(ONLY)"
 
 clean: ## remove .venv and runs

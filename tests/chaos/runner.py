@@ -10,7 +10,7 @@ import subprocess
 import sys
 import tarfile
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -164,11 +164,27 @@ def summary(verdicts: list[Verdict]) -> Verdict:
     }  # fmt: skip
 
 
+def _carry_out_all(experiments: Iterable[Experiment], out: Path, deadline_s: float) -> Iterator[Verdict]:
+    """One after the other, each verdict written as soon as it is there."""
+    out.mkdir(parents=True, exist_ok=True)
+    for experiment in experiments:
+        print(f"{experiment.name}: {experiment.what} ...", file=sys.stderr, flush=True)
+        if time.monotonic() < deadline_s:
+            verdict = carry_out(experiment, out)
+        else:
+            verdict = {"experiment": experiment.name, "what": experiment.what, "ok": False, "figures": {},
+                       "violations": ["not carried out: the suite's time was up"]}  # fmt: skip
+        (out / f"{experiment.name}.json").write_text(json.dumps(verdict, indent=2) + "\n")
+        print(table([verdict]).split("\n", 1)[1], file=sys.stderr, flush=True)
+        yield verdict
+
+
 def main() -> int:
     """Carry out the chosen experiments; 0 when each verdict is as it must be."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="", help="names, comma-separated: " + ", ".join(e.name for e in EXPERIMENTS))
     parser.add_argument("--out", type=Path, default=ROOT / "runs" / "chaos", help="folder of the verdicts")
+    parser.add_argument("--minutes", type=float, default=60.0, help="what has not begun by then counts as failed")
     arguments = parser.parse_args()
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
@@ -176,13 +192,7 @@ def main() -> int:
     except ValueError as error:
         print(f"chaos: {error}", file=sys.stderr)
         return 2
-    verdicts: list[Verdict] = []
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    for experiment in experiments:
-        print(f"{experiment.name}: {experiment.what} ...", file=sys.stderr, flush=True)
-        verdicts.append(carry_out(experiment, arguments.out))
-        (arguments.out / f"{experiment.name}.json").write_text(json.dumps(verdicts[-1], indent=2) + "\n")
-        print(table(verdicts[-1:]).split("\n", 1)[1], file=sys.stderr, flush=True)
+    verdicts = list(_carry_out_all(experiments, arguments.out, time.monotonic() + 60 * arguments.minutes))
     print(table(verdicts))
     print(json.dumps(summary(verdicts)))
     return 0 if all(v["ok"] for v in verdicts) else 1

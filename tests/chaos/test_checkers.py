@@ -13,7 +13,7 @@ from chaos import checkers
 from chaos.cluster import call
 from chaos.evidence import Action, Evidence, read, settled_s
 from chaos.experiments import EXPERIMENTS, chosen
-from chaos.runner import SEED, measure, summary, table
+from chaos.runner import SEED, _carry_out_all, measure, summary, table
 from orograph.cli.run import run
 from orograph.edge.scenario_file import load_scenario
 from orograph.keys import robot_id
@@ -160,6 +160,11 @@ def test_experiments_are_chosen_by_name() -> None:
     assert len(chosen("")) == len(EXPERIMENTS) == len({e.name for e in EXPERIMENTS})
     with pytest.raises(ValueError, match="F99"):
         chosen("F99")
+
+
+def test_what_has_no_time_left_counts_as_failed(tmp_path: Path) -> None:
+    (verdict,) = _carry_out_all(chosen("F8"), tmp_path, deadline_s=0.0)
+    assert not verdict["ok"] and "time was up" in (tmp_path / "F8.json").read_text()
 
 
 def test_mutants_stand_outside_the_product(tmp_path: Path) -> None:
