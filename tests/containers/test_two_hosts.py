@@ -57,9 +57,10 @@ class TwoHosts(Cluster):
         return next(iter(self.holders("robot-mapping-far")), "")
 
     def silence_s(self, robot: str) -> float:
-        """How long the orchestrator has not heard this robot's navigator."""
+        """How long the orchestrator has not heard this robot's navigator; -1 if never, or if nobody says."""
         told = self.status() or {"robots": []}
-        return next((r["drive_silent_s"] or 0.0 for r in told["robots"] if r["robot"] == robot), -1.0)
+        heard = {r["robot"]: r["drive_silent_s"] for r in told["robots"] if r["drive_silent_s"] is not None}
+        return heard.get(robot, -1.0)
 
 
 @pytest.fixture
