@@ -83,7 +83,7 @@ EXPERIMENTS = (
     Experiment("F14", "manager and a robot paused 15 s", n.paused((keys.MANAGER, keys.MAPPING), 15.0), PACED),
     Experiment("F16", "robot-mapping out of memory", n.out_of_memory, SLOW, healthy=OTHER),
     Experiment("F18", "scaled 1 -> 4 -> 2", n.scaled((1, 4, 2)), {"ROBOTS": "4", "START_WITH": "1"}),
-    Experiment("F19", "second worker with the same id", n.second_worker, healthy=("robot_001", "robot_002")),
+    Experiment("F19", "second worker with the same id", n.second_worker, SLOW, healthy=("robot_001", "robot_002")),
     Experiment("F22", "rolling restart of all but world", n.rolling_restart, SLOW),
     Experiment("F23", "laser paused 6 s, then world 6 s",
                n.one_after_the_other(n.paused((keys.LASER,), 6.0), n.paused((keys.WORLD,), 6.0, 200))),

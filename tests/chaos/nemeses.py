@@ -261,8 +261,10 @@ def second_worker(m: Mission) -> None:
     """F19: another robot-mapping with the explicit id of robot_001."""
     m.begin()
     m.conflicts += 1
-    m.cluster.compose("run", "--detach", "--no-deps", "--env", "OROGRAPH_ROBOT=robot_001", keys.MAPPING)
-    m.note("a second worker claims robot_001")
+    told = m.cluster.compose("run", "--detach", "--no-deps", "--env", "OROGRAPH_ROBOT=robot_001", keys.MAPPING)
+    worker = told.split()[-1]
+    until(lambda: "waiting for a robot" in m.cluster.logs(worker), "the second worker's refusal", RECOVER_S)
+    m.note("a second worker claims robot_001 and is refused")
     m.hold(8)
     m.note("it has had its time", heals=True)
 
