@@ -91,7 +91,8 @@ class Cluster:
         """(service, Docker's word for its state) of every container but those of `compose run`."""
         told = call(
             "docker", "ps", "--all", "--filter", f"label=com.docker.compose.project={self.project}",
-            "--filter", "label=com.docker.compose.oneoff=False", "--format", '{{.Label "com.docker.compose.service"}} {{.State}}',
+            "--filter", "label=com.docker.compose.oneoff=False",
+            "--format", '{{.Label "com.docker.compose.service"}} {{.State}}',
         )  # fmt: skip
         return [(service, state) for service, state in (line.split() for line in told.splitlines())]
 
