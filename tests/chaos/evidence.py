@@ -145,8 +145,10 @@ def _agreed_at(evidence: Evidence, robot: str, since: float, version: float) -> 
 
 
 def latencies_s(evidence: Evidence, robots: Sequence[str], during: Callable[[float], bool]) -> list[float]:
-    """Simulation time from a cell's first sending to its acknowledgement, of those sent at such times.
+    """Time from a cell's first sending to its acknowledgement, of those sent at such times.
 
+    The lesser of simulation and wall time: a lockstep that waits stretches the one, a sender that is itself late on a
+    loaded machine the other.
     The scenario's own radio shadows are no fault: what was under way while a robot was in one does not count.
     """
     silences = {robot: track.silences_s() for robot, track in tracks(evidence.parts).items()}
@@ -163,5 +165,5 @@ def latencies_s(evidence: Evidence, robots: Sequence[str], during: Callable[[flo
             elif key in sent and during((begun := sent.pop(key))[1]):
                 first_s, last_s = begun[0] * frame_s, line["frame"] * frame_s
                 if not any(a <= last_s and first_s <= b for a, b in silences.get(line["robot"], [])):
-                    out.append(last_s - first_s)
+                    out.append(min(last_s - first_s, line["at"] - begun[1]))
     return out

@@ -130,7 +130,7 @@ MUTATIONS: list[tuple[str, Callable[[Evidence], None]]] = [
     ("8:", lambda e: lines(e, figures(3.0, rejected_crc=1.0))),
     ("9:", fenced_for_nothing),
     ("10:", restarted_poorer),
-    ("12:", lambda e: lines(e, batch(1.2, 12, 1, 999, 5, 9), ack(1.4, 60, 1, 999, 5))),
+    ("12:", lambda e: lines(e, batch(1.2, 12, 1, 999, 5, 9), ack(3.9, 60, 1, 999, 5))),
 ]
 
 
