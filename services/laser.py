@@ -20,5 +20,4 @@ def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[LaserNode],
 
 if __name__ == "__main__":
     guard = Guard(keys.LASER, options(__doc__).parse_args())
-    take_part(keys.LASER, Settings.from_environment(), guard, build)
-    leave()
+    leave(take_part(keys.LASER, Settings.from_environment(), guard, build))

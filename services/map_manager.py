@@ -25,5 +25,4 @@ def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[MapManagerN
 
 if __name__ == "__main__":
     guard = Guard(keys.MANAGER, options(__doc__).parse_args())
-    take_part(keys.MANAGER, Settings.from_environment(), guard, build)
-    leave()
+    leave(take_part(keys.MANAGER, Settings.from_environment(), guard, build))

@@ -19,5 +19,4 @@ def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[NavigatorNo
 
 if __name__ == "__main__":
     guard = Guard(keys.NAVIGATOR, options(__doc__).parse_args())
-    take_part(keys.NAVIGATOR, Settings.from_environment(), guard, build)
-    leave()
+    leave(take_part(keys.NAVIGATOR, Settings.from_environment(), guard, build))

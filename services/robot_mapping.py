@@ -27,5 +27,4 @@ def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[RobotMappin
 
 if __name__ == "__main__":
     guard = Guard(keys.MAPPING, options(__doc__).parse_args())
-    take_part(keys.MAPPING, Settings.from_environment(), guard, build)
-    leave()
+    leave(take_part(keys.MAPPING, Settings.from_environment(), guard, build))

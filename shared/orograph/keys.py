@@ -100,6 +100,8 @@ ALIVE_ALL = f"{ROOT}/alive/**"
 """All liveliness tokens: world and orchestrator listen (sim plane)."""
 CLAIM = f"{ROOT}/claim"
 """Query on the sim plane: a replica asks the orchestrator for robots."""
+RELEASE = f"{ROOT}/release"
+"""`og/release/<instance>`: the orchestrator asks a worker to give its robots back and claim anew (sim plane)."""
 BRIEFING = f"{ROOT}/scenario"
 """Query on the sim plane: any service asks what runs; the orchestrator answers, and the world, which outlives it."""
 STATUS = f"{ROOT}/status"
@@ -115,6 +117,11 @@ TELEMETRY = f"{ROOT}/telemetry"
 def done_key(instance: str) -> str:
     """Key of a participant's answers."""
     return f"{DONE}/{instance}"
+
+
+def release_key(instance: str) -> str:
+    """Key on which a worker is asked to claim anew."""
+    return f"{RELEASE}/{instance}"
 
 
 def telemetry_key(node_name: str) -> str:

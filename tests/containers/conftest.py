@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import time
 import uuid
@@ -92,6 +93,7 @@ def engine() -> None:
     there = call(str(COMPOSE), "version", check=False)
     if there.returncode != 0:
         pytest.fail(there.stderr.strip(), pytrace=False)
+    signal.signal(signal.SIGTERM, lambda *_: pytest.exit("told to end", 143))  # the clusters go as well
     call(str(ROOT / "ops" / "offline-images"))
     call("docker", "build", "--quiet", "--file", "ops/Dockerfile", "--tag", "orograph", ".")
 

@@ -15,8 +15,12 @@ STOP = threading.Event()
 
 
 def _ask(bus: Bus, instance: str, service: str = keys.LASER, capacity: int = 1) -> list[str]:
+    """The robots granted; asked again, as a worker does, until the routers know the one who answers."""
     question = {"service": service, "instance": instance, "capacity": capacity, "wanted": []}
-    return wire.unpack_plain(bus.ask(keys.CLAIM, wire.pack_plain(question), 5.0))["robots"]
+    deadline = time.monotonic() + 10
+    while (reply := bus.ask(keys.CLAIM, wire.pack_plain(question), 5.0)) is None:
+        assert time.monotonic() < deadline
+    return wire.unpack_plain(reply)["robots"]
 
 
 def _until(condition: Callable[[], bool], seconds: float = 10) -> None:
@@ -69,3 +73,24 @@ def test_the_fleet_is_told_of_once_it_was_whole(endpoint: str) -> None:
         tokens[0].undeclare()
         _until(lambda: len(told) == 2)
         assert told[1] == ("robot_002",)
+
+
+def test_a_worker_that_another_robot_needs_is_released(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(claims, "REGROUP_S", 0.2)
+    monkeypatch.setattr(claims, "REVIEW_EVERY_S", 0.0)
+    released: list[str] = []
+    with Bus.open(endpoint, None, STOP) as server, Bus.open(endpoint, None, STOP) as bus:
+        claims.Claims(ROBOTS[:2], lambda fleet: None).attend(server)
+        holds = {keys.MAPPING: ROBOTS[0], keys.NAVIGATOR: ROBOTS[0], keys.LASER: ROBOTS[1]}
+        tokens = [bus.token(service, f"worker-{service}", (robot,)) for service, robot in holds.items()]
+        for service in holds:
+            bus.hear(keys.release_key(f"worker-{service}"), lambda _, s=service: released.append(s))
+
+        def ticked() -> bool:
+            bus.tell(keys.TICK, b"")
+            return bool(released)
+
+        _until(ticked)
+        assert set(released) == {keys.LASER}
+        for token in tokens:
+            token.undeclare()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -11,10 +12,16 @@ from orograph.edge import metrics, wire
 from orograph.edge.bus import Bus
 from orograph.mission.membership import Membership
 
+log = logging.getLogger("orograph")
+
 UNPROVEN_S = 5.0
 """A claim lasts this long without its liveliness token: who claimed and shows none died in between."""
 LEARN_S = 0.3
 """After a restart the tokens of those who hold robots come first, so that none of theirs is given twice."""
+
+REGROUP_S = 8.0
+"""A worker that would do more for another robot is released after this time: what died may come back before."""
+REVIEW_EVERY_S = 1.0
 
 Instance = tuple[str, str]
 """(service, instance uuid)."""
@@ -33,12 +40,15 @@ class Claims:
         self._proven: set[Instance] = set()
         self._unproven_since_s: dict[Instance, float] = {}
         self._has_begun = False
+        self._stray_since_s: dict[Instance, float] = {}
+        self._reviewed_s = 0.0
 
     def attend(self, bus: Bus) -> None:
         """Learn who lives, then answer."""
         bus.watch_alive(self._on_token)
         time.sleep(LEARN_S)
         bus.answer(keys.CLAIM, self._on_claim)
+        bus.hear(keys.TICK, lambda _: self._review(bus))
 
     def holders(self) -> dict[str, dict[str, str]]:
         """Robot -> service -> instance that holds it."""
@@ -69,6 +79,19 @@ class Claims:
                 self._unproven_since_s.setdefault(claimant, time.monotonic())
         metrics.CLAIMS.labels("granted" if grant.robots else "refused").inc()
         return wire.pack_plain({"robots": list(grant.robots), "reason": grant.reason})
+
+    def _review(self, bus: Bus) -> None:
+        now_s = time.monotonic()
+        if now_s - self._reviewed_s < REVIEW_EVERY_S:
+            return
+        self._reviewed_s = now_s
+        with self._lock:
+            strays = self._table.strays()
+        self._stray_since_s = {stray: self._stray_since_s.get(stray, now_s) for stray in strays}
+        for (service, instance), since_s in self._stray_since_s.items():
+            if now_s - since_s >= REGROUP_S:
+                log.info("another robot needs a %s more: releasing %s", service, instance[:8])
+                bus.tell(keys.release_key(instance), b"")
 
     def _expire(self) -> None:
         for claimant, since_s in list(self._unproven_since_s.items()):

@@ -67,6 +67,7 @@ class Guard:
         faulthandler.enable()
         self.stop = threading.Event()
         self._seen: float | None = None
+        self._unseen_s = 0.0
         self._ready_file: Path | None = arguments.ready_file
         self._ready_s = 0.0
         if arguments.metrics_port is not None:
@@ -85,7 +86,7 @@ class Guard:
 
         `ready`: the service does its work, or could at once (a spare), so that its container counts as healthy.
         """
-        self._seen = time.monotonic()
+        self._seen, self._unseen_s = time.monotonic(), 0.0
         if ready and self._seen - self._ready_s >= READY_EVERY_S:
             self._show_ready()
 
@@ -115,8 +116,10 @@ class Guard:
     def _watch(self) -> None:
         while True:
             time.sleep(READY_EVERY_S)
+            # Counted in this thread's own turns, not by a clock: a container that was paused is not stuck.
+            self._unseen_s = 0.0 if self._seen is None else self._unseen_s + READY_EVERY_S
             if self._seen is None and self._ready_s > 0.0:
                 self._show_ready()
-            if self._seen is not None and time.monotonic() - self._seen > STUCK_S:
+            if self._unseen_s > STUCK_S:
                 faulthandler.dump_traceback()
                 os._exit(EXIT_BROKEN)

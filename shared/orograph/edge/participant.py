@@ -25,6 +25,8 @@ from orograph.stages import StageRecorder
 
 JOIN_EVERY_S = 0.3
 CLAIM_EVERY_S = 0.5
+EXIT_RELEASED = 75
+"""EX_TEMPFAIL: the restart policy starts the process again, and it claims where it is needed more."""
 
 log = logging.getLogger("orograph")
 
@@ -91,10 +93,12 @@ class Participant:
         self._last: dict[str, Any] = {}
         self._answered_s = 0.0
         self._ticks = ticks
+        self.released = False
+        bus.hear(keys.release_key(instance), self._on_release)
 
     def run(self) -> None:
-        """Until the world ends the run or this process is told to stop."""
-        while not self._guard.stop.is_set():
+        """Until the world ends the run, or this process is told to stop or to claim anew."""
+        while not self._guard.stop.is_set() and not self.released:
             self._guard.alive()
             tick = self._ticks.next(JOIN_EVERY_S)
             if tick is not None and tick["end"]:
@@ -103,6 +107,9 @@ class Participant:
                 self._take(tick)
             elif time.monotonic() - self._answered_s > JOIN_EVERY_S:
                 self._answer(self._last or {"frame": -1, "sent": {}, "lost": 0})
+
+    def _on_release(self, _: bytes) -> None:
+        self.released = True
 
     def _take(self, tick: dict[str, Any]) -> None:
         if tick["frame"] > self._last.get("frame", -1):
@@ -129,8 +136,8 @@ def take_part(
     guard: Guard,
     build: Callable[[Briefing, tuple[str, ...]], Built],
     brief: Callable[[Bus], Briefing | None] | None = None,
-) -> None:
-    """Run one service process: `build` makes its nodes for the robots it holds.
+) -> int:
+    """Run one service process and return its exit code: `build` makes its nodes for the robots it holds.
 
     `brief` says what runs, by default by asking; it may answer others' queries as well.
     """
@@ -138,28 +145,32 @@ def take_part(
     with suppress(InterruptedError), Bus.open(settings.sim, on_radio, guard.stop) as bus:
         briefing = brief(bus) if brief is not None else await_briefing(bus, settings.run_dir, guard)
         if briefing is None:
-            return
+            return 0
         instance, ticks = uuid.uuid4().hex, Ticks(bus)
         robots: tuple[str, ...] = ()
         if service in keys.ROBOT_SERVICES:
             robots = claim(bus, service, instance, settings, guard, ticks)
             if not robots:
-                return
+                return 0
         # The token first: building nodes may compile for longer than a claim without one lasts.
         with bus.token(service, instance, robots):
             guard.busy()
-            _follow(service, instance, briefing, bus, guard, ticks, build(briefing, robots))
+            released = _follow(service, instance, briefing, bus, guard, ticks, build(briefing, robots))
+            return EXIT_RELEASED if released else 0
+    return 0
 
 
 def _follow(
     service: str, instance: str, briefing: Briefing, bus: Bus, guard: Guard, ticks: Ticks, built: Built
-) -> None:  # fmt: skip
+) -> bool:  # fmt: skip
     nodes, stages = built
     process = f"{service}-{instance[:8]}"
     with Recording(briefing.folder, process) as recording:
         host = NodeHost(bus, nodes, briefing.scenario, recording)
         metrics.FIGURES.time_stages(stages.values())
         log.info("ready: %s", ", ".join(n.name for n in host.nodes))
-        Participant(bus, host, instance, briefing.scenario, guard, ticks).run()
+        participant = Participant(bus, host, instance, briefing.scenario, guard, ticks)
+        participant.run()
         guard.busy()
         host.save(process, stages)
+    return participant.released

@@ -32,13 +32,32 @@ class Membership:
         if held := self.held(service, instance):
             return Grant(held)
         free = [r for r in self._robots if r in (wanted or self._robots) and (service, r) not in self._holder]
-        free.sort(key=lambda r: self._former.get((service, r)) != instance)
+        free.sort(key=lambda r: (self._former.get((service, r)) != instance, -self._need(r)))
         given = tuple(sorted(free[:capacity]))
         if not given:
             named = ", ".join(wanted) or f"all {len(self._robots)} robots"
             return Grant((), f"{named}: {service} is held by others; wait as a spare")
         self._hold(service, instance, given)
         return Grant(given)
+
+    def _need(self, robot: str) -> int:
+        """What a robot already has makes it the next to be filled, its mapping (which holds evidence) above all."""
+        return sum(4 if s == keys.MAPPING else 1 for s in keys.ROBOT_SERVICES if (s, robot) in self._holder)
+
+    def strays(self) -> tuple[tuple[str, str], ...]:
+        """(service, instance) of workers that would do more for another robot, as after a fleet has shrunk.
+
+        Such a worker holds only robots without mapping, while a robot with mapping lacks its service. Mapping itself
+        never moves: it holds evidence that may not be acknowledged yet.
+        """
+        mapped = {r for r in self._robots if (keys.MAPPING, r) in self._holder}
+        out: list[tuple[str, str]] = []
+        for service in keys.ROBOT_SERVICES:
+            gaps = [r for r in sorted(mapped) if (service, r) not in self._holder]
+            instances = sorted({i for (s, _), i in self._holder.items() if s == service})
+            idle = [i for i in instances if not mapped & set(self.held(service, i))]
+            out += [(service, instance) for instance in idle[: len(gaps)]]
+        return tuple(out)
 
     def _refusal(self, service: str, capacity: int, wanted: tuple[str, ...]) -> str:
         if service not in keys.ROBOT_SERVICES:

@@ -19,6 +19,34 @@ def test_the_same_instance_gets_the_same_robots_again() -> None:
     assert table.claim(LASER, "a", 3) == Grant(("robot_001",))
 
 
+def test_a_robot_that_has_its_mapping_is_filled_first() -> None:
+    table = Membership(ROBOTS)
+    table.restore([(MAPPING, "m", ("robot_003",)), (NAVIGATOR, "n", ("robot_002",))])
+    assert table.claim(LASER, "a", 1).robots == ("robot_003",)
+    assert table.claim(LASER, "b", 1).robots == ("robot_002",)
+
+
+def test_after_a_fleet_has_shrunk_its_workers_regroup_round_the_evidence() -> None:
+    table = Membership(ROBOTS)
+    held = {MAPPING: {"m1": "robot_001", "m3": "robot_003"}, LASER: {"l1": "robot_001", "l2": "robot_002"}}
+    held[NAVIGATOR] = {"n2": "robot_002", "n3": "robot_003"}
+    table.restore([(s, i, (robot,)) for s, of in held.items() for i, robot in of.items()])
+    assert table.strays() == ((LASER, "l2"), (NAVIGATOR, "n2"))
+    for service, instance in table.strays():
+        table.lost(service, instance)
+        table.claim(service, f"{instance} again", 1)
+    assert table.complete() == ("robot_001", "robot_003") and table.strays() == ()
+
+
+def test_a_whole_fleet_and_a_lone_gap_have_no_strays() -> None:
+    table = Membership(ROBOTS)
+    for service in keys.ROBOT_SERVICES:
+        table.claim(service, service, 3)
+    assert table.strays() == ()
+    table.lost(LASER, LASER)
+    assert table.strays() == ()
+
+
 def test_a_full_fleet_says_so_and_a_spare_takes_over() -> None:
     table = Membership(ROBOTS)
     assert table.claim(MAPPING, "a", 3).robots == ROBOTS
