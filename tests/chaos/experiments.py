@@ -47,7 +47,7 @@ def mutant(service: str, file: str) -> Mapping[str, Any]:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One mission with one nemesis; `must_be_red` where the checkers have to find something."""
+    """One mission with one nemesis; of a mutant, `caught_by` is the invariant that it breaks and that must say so."""
 
     name: str
     what: str
@@ -55,7 +55,7 @@ class Experiment:
     wishes: Mapping[str, str] = field(default_factory=dict)
     overlay: Mapping[str, Any] = field(default_factory=dict)
     healthy: tuple[str, ...] = ()
-    must_be_red: bool = False
+    caught_by: str = ""
 
 
 OTHER = ("robot_002",)
@@ -82,7 +82,7 @@ EXPERIMENTS = (
     Experiment("F13", "robot-mapping kill -9 twice", n.mapping_killed(), SLOW, healthy=OTHER),
     Experiment("F14", "manager and a robot paused 15 s", n.paused((keys.MANAGER, keys.MAPPING), 15.0), PACED),
     Experiment("F16", "robot-mapping out of memory", n.out_of_memory, SLOW, healthy=OTHER),
-    Experiment("F18", "scaled 1 -> 4 -> 2", n.scaled((1, 4, 2)), {"ROBOTS": "4", "START_WITH": "1"}),
+    Experiment("F18", "scaled 1 -> 10 -> 3", n.scaled((1, 10, 3)), {"ROBOTS": "10", "START_WITH": "1"}),
     Experiment("F19", "second worker with the same id", n.second_worker, SLOW, healthy=("robot_001", "robot_002")),
     Experiment("F22", "rolling restart of all but world", n.rolling_restart, SLOW),
     Experiment("F23", "laser paused 6 s, then world 6 s",
@@ -92,9 +92,9 @@ EXPERIMENTS = (
     Experiment("F27b", "storm, seed 2", n.storm, {**SLOW, "SEED": "2"}),
     Experiment("F27c", "storm, seed 3", n.storm, {**SLOW, "SEED": "3"}),
     Experiment("M1", "MUTANT: acknowledges before it commits", n.manager_killed((200,)), SLOW,
-               overlay=mutant(keys.MANAGER, "late_store.py"), must_be_red=True),
+               overlay=mutant(keys.MANAGER, "late_store.py"), caught_by="1"),
     Experiment("M2", "MUTANT: forgets unsent cells on reconnect", n.router_down(4.0, 120),
-               overlay=mutant(keys.MAPPING, "forgetful.py"), must_be_red=True),
+               overlay=mutant(keys.MAPPING, "forgetful.py"), caught_by="3"),
 )  # fmt: skip
 
 

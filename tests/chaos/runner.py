@@ -47,8 +47,9 @@ def carry_out(experiment: Experiment, keep: Path | None = None) -> Verdict:
         return {**verdict, "ok": False, "violations": [f"not carried out: {error}"], "figures": {}}
     found = list(violations(evidence))
     figures = {**measure(evidence), "total_s": round(time.monotonic() - begin_s, 1)}
-    ok = bool(found) == experiment.must_be_red
-    return {**verdict, "ok": ok, "must_be_red": experiment.must_be_red, "violations": found, "figures": figures}
+    mutant = experiment.caught_by
+    ok = any(v.startswith(f"{mutant}:") for v in found) if mutant else not found
+    return {**verdict, "ok": ok, "caught_by": mutant, "violations": found, "figures": figures}
 
 
 def _mission(experiment: Experiment, cluster: Cluster, seed: int, keep: Path | None, verdict: Verdict) -> Evidence:

@@ -36,6 +36,8 @@ class Watch:
         self._follower.terminate()
         self._follower.wait()
         self._thread.join(10)
+        if self._follower.stdout is not None:
+            self._follower.stdout.close()
 
     def _follow(self) -> None:
         assert self._follower.stdout is not None

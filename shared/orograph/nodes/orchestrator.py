@@ -137,8 +137,11 @@ class OrchestratorNode:
         return out
 
     def artifacts(self) -> Mapping[str, npt.NDArray[Any]]:
-        """legs_<robot>, visited_ns (-1 never), visited_by (robot number or 0), unreached, phase names and stamps."""
+        """legs_<robot>, visited_ns (-1 never), visited_by (robot number or 0), unreached, phase names and stamps; gone:
+        numbers of the robots that the end did not wait for.
+        """
         out: dict[str, npt.NDArray[Any]] = {
+            "gone": np.array(sorted(keys.robot_number(robot) for robot in self._phases.gone), np.uint16),
             "phase_names": np.array(list(self._phases.began_ns)),
             "phase_stamps_ns": np.array(list(self._phases.began_ns.values()), np.int64),
         }

@@ -73,10 +73,14 @@ def lost_cells(ledger: Ledger, robot: str) -> int:
 
 
 def own_fold(parts: RunParts, ledger: Ledger) -> Packed:
-    """The map that the robots' own last evidence gives, without the manager's help."""
+    """The map that the robots' own last evidence gives, without the manager's help.
+
+    Of a robot that has gone the manager may have taken more than it still heard of: its registers are the manager's.
+    """
     prior = whole_prior(prior_records(parts.scenario), parts.glrm_grid.size)
-    registers = [_register(robot, own) for robot, own in ledger.own.items()]
-    everyone = np.concatenate([np.zeros(0, REGISTER), *registers])
+    registers = [_register(robot, own) for robot, own in ledger.own.items() if robot not in parts.gone]
+    left = np.isin(ledger.held["robot"], [keys.robot_number(robot) for robot in parts.gone])
+    everyone = np.concatenate([ledger.held[left], *registers])
     return fold_registers(prior, everyone, FoldRules.of(parts.scenario.rules))
 
 
@@ -116,19 +120,25 @@ def _deterministic(parts: RunParts) -> Check:
 
 
 def copies_equal(parts: RunParts, ledger: Ledger) -> bool | None:
-    """Whether every robot's copy has the manager's hash; None where one of them left no map."""
-    if ledger.glrm is None or set(ledger.copies) != set(parts.robots):
+    """Whether every copy of a robot that stayed has the manager's hash; None where one of them left no map."""
+    if ledger.glrm is None or not set(parts.staying) <= set(ledger.copies):
         return None
-    wanted = map_hash(ledger.glrm)
-    return all(map_hash(copy) == wanted for copy in ledger.copies.values())
+    return _equal_copies(parts, ledger, map_hash(ledger.glrm)) == len(parts.staying)
+
+
+def _equal_copies(parts: RunParts, ledger: Ledger, wanted: bytes) -> int:
+    copies = [ledger.copies[robot] for robot in parts.staying if robot in ledger.copies]
+    return sum(map_hash(copy) == wanted for copy in copies)
 
 
 def _copies(parts: RunParts, ledger: Ledger) -> Check:
     if ledger.glrm is None:
         return Check("Every robot holds the manager's map", None, "The map manager left no map.")
     wanted = map_hash(ledger.glrm)
-    same = sum(map_hash(copy) == wanted for copy in ledger.copies.values())
-    found = f"{same} of {len(parts.robots)} copies have the hash {wanted.hex()[:12]}…"
+    same = _equal_copies(parts, ledger, wanted)
+    found = f"{same} of {len(parts.staying)} copies have the hash {wanted.hex()[:12]}…"
+    if parts.gone:
+        found += f" Not there at the end: {', '.join(parts.gone)}."
     return Check("Every robot holds the manager's map, bit for bit", copies_equal(parts, ledger), found)
 
 
@@ -139,11 +149,11 @@ def is_own_fold(parts: RunParts, ledger: Ledger) -> bool | None:
 
 def _fold(parts: RunParts, ledger: Ledger) -> Check:
     promise = "The map is the fold of the robots' own last evidence"
-    if ledger.glrm is None or set(ledger.own) != set(parts.robots):
+    if ledger.glrm is None or not set(parts.staying) <= set(ledger.own):
         return Check(promise, None, "Registers of the manager or of a robot are missing.")
     wanted, glrm = own_fold(parts, ledger), ledger.glrm
     differ = int((~same_values(wanted, glrm)).sum())
-    registers = sum(map(len, ledger.own.values()))
+    registers = sum(len(ledger.own[robot]) for robot in parts.staying)
     found = f"{registers:,} registers folded again: " + (
         f"{differ:,} cells differ." if differ else "equal in every cell."
     )
@@ -152,7 +162,7 @@ def _fold(parts: RunParts, ledger: Ledger) -> Check:
 
 def _nothing_lost(parts: RunParts, ledger: Ledger) -> Check:
     promise = "Nothing that was acknowledged is lost"
-    if ledger.glrm is None or set(ledger.acked) != set(parts.robots):
+    if ledger.glrm is None or not set(parts.staying) <= set(ledger.acked):
         return Check(promise, None, "Registers of the manager or of a robot are missing.")
     lost = sum(lost_cells(ledger, robot) for robot in parts.robots)
     acked = sum(len(acked) for acked in ledger.acked.values())

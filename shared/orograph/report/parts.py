@@ -41,6 +41,16 @@ class RunParts:
         return tuple(keys.robot_id(i + 1) for i in range(int(self.run["robots"])))
 
     @property
+    def gone(self) -> tuple[str, ...]:
+        """Robots that left before the end, or never came: the run ended without waiting for them."""
+        return tuple(keys.robot_id(int(number)) for number in self.of(keys.ORCHESTRATOR).get("gone", ()))
+
+    @property
+    def staying(self) -> tuple[str, ...]:
+        """Robots that were there at the end."""
+        return tuple(robot for robot in self.robots if robot not in self.gone)
+
+    @property
     def glrm_grid(self) -> Grid:
         """The scenario's GLRM grid."""
         return self.scenario.grid.grid

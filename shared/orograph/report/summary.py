@@ -130,10 +130,12 @@ def _figures(
     parts: RunParts, ledger: Ledger, glrm: CellMap, reference: Reference, radio: list[RadioRow]
 ) -> dict[str, Any]:
     run, sim_s, wall_s = parts.run, parts.sim_time_s, float(parts.run["wall_time_s"])
+    told = [row for row in radio if row.robot in parts.staying or row.acked is not None]
     return {
         "scenario": parts.scenario.name,
         "seed": run["seed"],
         "robots": len(parts.robots),
+        "robots_gone": list(parts.gone),
         "mode": run["mode"],
         "runner": run.get("runner"),
         "commit": run.get("commit"),
@@ -151,8 +153,8 @@ def _figures(
         "stages_ms": {row.stage: asdict(row.all) for row in table_2(parts)},
         "bytes_up_per_robot_s": _mean([row.up_kbps for row in radio], 1000.0),
         "bytes_down_per_robot_s": _mean([row.down_kbps for row in radio], 1000.0),
-        "cells_acked": _sum([row.acked for row in radio]),
-        "cells_lost": _sum([row.lost for row in radio]),
+        "cells_acked": _sum([row.acked for row in told]),
+        "cells_lost": _sum([row.lost for row in told]),
         "missing_parts": list(parts.missing()),
     }
 
@@ -225,7 +227,7 @@ def sentence(parts: RunParts, figures: Mapping[str, Any]) -> str:
     covered = "an unknown share" if math.isnan(share) else f"{100 * share:.1f} %"
     first = f"{who} mapped {covered} of what the patrol can see in {minutes} min {seconds:02d} s of simulation."
     same = {
-        True: "Every robot ended with the same map, bit for bit.",
+        True: f"Every robot{' that stayed' * bool(parts.gone)} ended with the same map, bit for bit.",
         False: "The robots' copies of the map differ.",
         None: "",
     }

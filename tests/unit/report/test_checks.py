@@ -41,6 +41,17 @@ def test_one_bit_in_one_copy_is_found(city_run: RunParts) -> None:
     assert copies_equal(bad, read_ledger(bad)) is False
 
 
+def test_who_has_gone_is_judged_by_what_was_acknowledged_alone(city_run: RunParts) -> None:
+    left = with_array(with_array(city_run, ROBOT, "copy", raised("height")), ROBOT, "registers", raised("height"))
+    assert judged(left) == [True, True, False, False, True]
+    orchestrator = {**left.nodes[keys.ORCHESTRATOR], "gone": np.array([1], np.uint16)}
+    left = replace(left, nodes={**left.nodes, keys.ORCHESTRATOR: orchestrator})
+    assert judged(left) == [True] * 5
+    assert judged(with_array(left, keys.MANAGER, "registers", lambda held: held[held["robot"] != 1]))[-1] is False
+    nothing = replace(left, nodes={name: arrays for name, arrays in left.nodes.items() if name != ROBOT})
+    assert judged(nothing) == [True] * 5
+
+
 def test_a_version_is_no_part_of_the_map(city_run: RunParts) -> None:
     assert judged(with_array(city_run, ROBOT, "copy", raised("version"))) == [True] * 5
 
