@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.current
 DEMO ?= scenarios/helsinki
 
-.PHONY: help setup demo check test bench study image up down logs fetch-run cluster-test chaos clean
+.PHONY: help setup demo check test bench cluster-bench study image up down logs fetch-run cluster-test chaos clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -34,6 +34,9 @@ test: setup ## every test: units, protocol storms, processes over Zenoh
 
 bench: setup ## the hot paths, as a table and a last JSON line
 	$(BIN)/python tests/bench/main.py
+
+cluster-bench: setup image ## what the cluster costs beside local processes: speed, memory, delay, claims
+	PYTHONPATH=tests $(BIN)/python tests/bench/cluster.py
 
 study: setup ## the paper's Table 3: mapping time with one, two and three robots
 	$(BIN)/orograph study scenarios/paper --robots 1,2,3

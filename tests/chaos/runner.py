@@ -58,7 +58,7 @@ def _mission(experiment: Experiment, cluster: Cluster, seed: int, keep: Path | N
         mission = Mission(cluster, watch, seed)
         try:
             experiment.nemesis(mission)
-            _await_end(cluster)
+            await_end(cluster)
         finally:
             verdict["timeline"] = [asdict(action) for action in mission.actions]
             if keep is not None:
@@ -78,7 +78,7 @@ def _first_scale(experiment: Experiment) -> list[str]:
     return [word for s in keys.ROBOT_SERVICES for word in ("--scale", f"{s}={first}")] if first else []
 
 
-def _await_end(cluster: Cluster) -> None:
+def await_end(cluster: Cluster) -> None:
     """The world has ended the run and everybody has left its part; the report is not waited for."""
 
     def ended() -> bool:

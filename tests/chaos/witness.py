@@ -35,7 +35,7 @@ def told(message: Message) -> Line:
             return {"epoch": message.epoch, **_columns(message.records, "cell", "seq", "tick", "confidence")}
         case Delta():
             names = ("manager_epoch", "first_version", "last_version", "part", "parts", "repair")
-            return {**{name: getattr(message, name) for name in names}, "cells": len(message.cells)}
+            return {**{name: getattr(message, name) for name in names}, **_columns(message.cells, "cell")}
         case Digest():
             digest = hashlib.blake2b(message.tiles.tobytes(), digest_size=16).hexdigest()
             return {"manager_epoch": message.manager_epoch, "version": message.version, "hash": digest}

@@ -45,7 +45,8 @@ class Worker:
         together.wait(30)
         robots: tuple[str, ...] = ()
         while not robots and len(granted) < len(ROBOTS):
-            robots = tuple(wire.unpack_plain(self._bus.ask(keys.CLAIM, wire.pack_plain(question), 10.0))["robots"])
+            reply = self._bus.ask(keys.CLAIM, wire.pack_plain(question), 10.0)  # None: the router knows of nobody yet
+            robots = tuple(wire.unpack_plain(reply)["robots"]) if reply is not None else ()
             granted.extend(robots)
         self._token = self._bus.token(keys.LASER, instance, robots) if robots else None
         return robots

@@ -1,0 +1,176 @@
+"""What the cluster costs, beside local processes in the same run, as a table and a last JSON line.
+
+Run by `make cluster-bench`. The containers carry the chaos suite's witness, so its cost is in every figure of theirs.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from chaos.cluster import Cluster, call, until
+from chaos.runner import await_end
+from chaos.watch import Line, Watch
+from orograph import keys
+from orograph.cli.run import commit, resolve, run
+from orograph.edge.scenario_file import load_scenario
+from rich.console import Console
+from rich.table import Table
+
+GOALS = {
+    "healthy_s": ("<=", 30.0, "`up --wait`, 3 robots, image built"),
+    "rtf_containers_to_local": (
+        ">=",
+        0.8,
+        "`paper`, 3 robots, lockstep: real-time factor in containers / as processes",
+    ),
+    "hop_p95_s": ("<=", 3.0, "`paper`, 3 robots, paced at 1: a scan's stamp to another robot's copy"),
+    "rtf_10_robots_paced": (">=", 0.99, "`tiny`, 10 robots, paced at 1"),
+    "claimed_s": ("<=", 30.0, "32 lasers started at once: 10 hold a robot, 22 know that they are spares"),
+}
+PAPER = {"ROBOTS": "3", "SCENARIO": "paper"}
+MEASURE_FRAME = 800
+HOP_FRAMES = 1600
+TEN = {"ROBOTS": "10", "SCENARIO": "tiny", "TIME_SCALE": "1"}
+WORKERS = 32
+
+
+def local_rtf() -> float:
+    """`paper` with three robots, each service a process of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = run(resolve(load_scenario("paper"), 3, None, None), Path(folder) / "run", capacity=1, quiet=True)
+        return float(json.loads((out / "summary.json").read_text())["rtf"])
+
+
+def contained() -> tuple[dict[str, float], dict[str, float]]:
+    """(figures, memory by service [MB]) of the same mission in containers."""
+    with Cluster(PAPER, {}) as it:
+        begin_s = time.monotonic()
+        it.compose("up", "--detach", "--wait", "--wait-timeout", "120")
+        healthy_s = time.monotonic() - begin_s
+        with Watch(it) as watch:
+            watch.await_frame(MEASURE_FRAME)
+            memory = memory_mb(it)
+            await_end(it)
+        with tempfile.TemporaryDirectory() as folder:
+            world = json.loads((it.fetch(Path(folder)) / "parts" / "world.json").read_text())
+    return {"healthy_s": healthy_s, "rtf_containers": world["sim_time_s"] / world["wall_time_s"]}, memory
+
+
+def memory_mb(it: Cluster) -> dict[str, float]:
+    """Memory of the largest container of each service, page cache left out [MB], as `docker stats` has it."""
+    told = call("docker", "stats", "--no-stream", "--format", "{{.Name}} {{.MemUsage}}")
+    found: defaultdict[str, float] = defaultdict(float)
+    for name, used in (line.split()[:2] for line in told.splitlines() if line.startswith(it.project)):
+        service = name.removeprefix(f"{it.project}-").rsplit("-", 1)[0]
+        found[service] = max(found[service], _mb(used))
+    return dict(sorted(found.items()))
+
+
+def _mb(used: str) -> float:
+    units = {"GiB": 1024**3, "MiB": 1024**2, "KiB": 1024, "B": 1}
+    unit = next(unit for unit in units if used.endswith(unit))
+    return float(used.removesuffix(unit)) * units[unit] / 1e6
+
+
+def hops_s(lines: Sequence[Line], frame_s: float) -> list[float]:
+    """Simulation time from the newest scan in each record to the frame in which another robot's copy can hold it.
+
+    The deltas of the first beat after the record's acknowledgement are looked at; a record that changed no value of the
+    map is in none of them and does not count.
+    """
+    sent: dict[tuple[str, int, int], float] = {}
+    waiting: dict[int, float] = {}
+    out = []
+    for line in lines:
+        if line["kind"] == "Batch":
+            rows = zip(line["cell"], line["seq"], line["tick"], strict=True)
+            sent.update({(line["robot"], cell, seq): tick / 1000 for cell, seq, tick in rows})
+        elif line["kind"] == "Ack":
+            acked = [(line["robot"], cell, seq) for cell, seq in zip(line["cell"], line["seq"], strict=True)]
+            waiting.update({key[1]: sent.pop(key) for key in acked if key in sent})
+        elif line["kind"] == "Delta" and not line["repair"]:
+            out += [(line["frame"] + 1) * frame_s - waiting.pop(cell) for cell in line["cell"] if cell in waiting]
+            if line["part"] + 1 == line["parts"]:
+                waiting.clear()
+    return out
+
+
+def paced_hop_s() -> list[float]:
+    """Hops of the first minutes of `paper` at real time."""
+    with Cluster({**PAPER, "TIME_SCALE": "1"}, {}) as it:
+        it.compose("up", "--detach")
+        with Watch(it) as watch:
+            watch.await_frame(HOP_FRAMES, 240.0)
+            return hops_s(list(watch.lines), 0.05)
+
+
+def ten_robots() -> dict[str, float]:
+    """Real-time factor and the share of scans mapped with ten robots at the pace of real time."""
+    with Cluster(TEN, {}) as it:
+        it.compose("up", "--detach")
+        with Watch(it) as watch:
+            watch.await_frame(100, 240.0)
+            begin, begin_s = watch.frame, time.monotonic()
+            watch.await_frame(700, 240.0)
+            rtf = (watch.frame - begin) * 0.05 / (time.monotonic() - begin_s)
+            figures = dict(watch.figures)
+    made = sum(f.get("scans", 0) for name, f in figures.items() if name.startswith(keys.LASER))
+    mapped = sum(f.get("scans", 0) for name, f in figures.items() if name.startswith(keys.MAPPING))
+    return {"rtf_10_robots_paced": rtf, "scans_mapped_10_robots": mapped / made}
+
+
+def claims_s() -> float:
+    """From the start of 32 laser containers until each holds a robot or knows that it is a spare."""
+    with Cluster({"ROBOTS": "10", "SCENARIO": "tiny"}, {}) as it:
+        it.compose("up", "--detach", "--wait", keys.ORCHESTRATOR)
+        begin_s = time.monotonic()
+        it.compose("up", "--detach", "--no-recreate", "--scale", f"{keys.LASER}={WORKERS}", keys.LASER)
+
+        def said(word: str) -> int:
+            return sum(word in it.logs(container) for container in it.containers(keys.LASER))
+
+        until(lambda: said("ready: ") == 10 and said("waiting for a robot: ") >= WORKERS - 10, "all claims", 240)
+        return time.monotonic() - begin_s
+
+
+def measure() -> tuple[dict[str, Any], dict[str, float]]:
+    """(figures, memory by service [MB])."""
+    figures: dict[str, Any] = {"rtf_local": local_rtf()}
+    found, memory = contained()
+    figures |= found
+    figures["rtf_containers_to_local"] = figures["rtf_containers"] / figures["rtf_local"]
+    hops = paced_hop_s()
+    figures |= {"hop_p50_s": float(np.percentile(hops, 50)), "hop_p95_s": float(np.percentile(hops, 95))}
+    figures |= {"hops": len(hops), **ten_robots(), "claimed_s": claims_s()}
+    return figures, memory
+
+
+def main() -> int:
+    """Print both tables, then the JSON line."""
+    figures, memory = measure()
+    table = Table("figure", "measured", "goal", "", "what")
+    for name, (sense, goal, what) in GOALS.items():
+        met = figures[name] <= goal if sense == "<=" else figures[name] >= goal
+        table.add_row(name, f"{figures[name]:,.4g}", f"{sense} {goal:,.4g}", "met" if met else "MISSED", what)
+    used = Table("service", "memory [MB]")
+    for service, mb in memory.items():
+        used.add_row(service, f"{mb:,.0f}")
+    console = Console(width=140)
+    console.print(table)
+    console.print(used)
+    rounded = {k: float(f"{v:.4g}") for k, v in figures.items()}
+    print(json.dumps({**rounded, "memory_mb": memory, "cores": os.cpu_count(), "commit": commit()}))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
