@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.current
 DEMO ?= scenarios/helsinki
 
-.PHONY: help setup demo check test bench cluster-bench study image up down logs fetch-run cluster-test chaos clean
+.PHONY: help setup demo check test bench cluster-bench study image up watch down logs fetch-run cluster-test chaos clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -47,6 +47,9 @@ image: ## build the image of all services
 
 up: image ## start the cluster in containers: ROBOTS=3 SCENARIO=tiny SEED= TIME_SCALE= START_WITH=
 	ops/up
+
+watch: ## add Prometheus and Grafana to the cluster, on loopback
+	ops/watch
 
 down: ## end the cluster; its volume with the runs stays
 	ops/compose --profile '*' down --timeout 4
