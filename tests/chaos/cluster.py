@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import sys
 import tarfile
 import tempfile
 import time
@@ -63,6 +64,8 @@ class Cluster:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        if isinstance(error, ChaosError):
+            print(self.last_words(), file=sys.stderr, flush=True)
         self.compose("--profile", "*", "down", "--volumes", "--remove-orphans", "--timeout", "1", check=False)
         self._folder.cleanup()
 
@@ -112,6 +115,16 @@ class Cluster:
     def logs(self, container: str) -> str:
         """All it ever said."""
         return call("docker", "logs", container)
+
+    def last_words(self) -> str:
+        """A line for each container: its state and what it said last."""
+        project = f"label=com.docker.compose.project={self.project}"
+        told = call("docker", "ps", "--all", "--filter", project, "--format", "{{.Names}} {{.Status}}", check=False)
+        lines = []
+        for name, status in (line.split(" ", 1) for line in told.splitlines()):
+            last = call("docker", "logs", "--tail", "1", name, check=False).strip()
+            lines.append(f"  {name.removeprefix(self.project + '-')}: {status}: {last[:160]}")
+        return "\n".join(sorted(lines))
 
     def state(self, container: str) -> dict[str, Any]:
         """Docker's account of a container: Running, ExitCode, OOMKilled, Pid and more."""

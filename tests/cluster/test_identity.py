@@ -13,8 +13,8 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
+from cluster import claimant
 from orograph import keys
-from orograph.edge import wire
 from orograph.edge.bus import Bus
 from orograph.edge.claims import Claims
 
@@ -23,7 +23,7 @@ ROBOTS = tuple(keys.robot_id(i + 1) for i in range(10))
 WORKERS, ROUNDS = 32, 20
 STOP = threading.Event()
 PROCESSES = multiprocessing.get_context("forkserver")
-PROCESSES.set_forkserver_preload(["orograph.edge.bus"])
+PROCESSES.set_forkserver_preload(["cluster.claimant"])
 
 
 @pytest.fixture
@@ -37,28 +37,13 @@ def endpoint() -> Iterator[str]:
     router.wait()
 
 
-def work(endpoint: str, instance: str, together: Any, told: Any) -> None:
-    """What a service does before it builds its nodes: claim, show its token, or wait as a spare; until it is killed."""
-    question = wire.pack_plain({"service": keys.LASER, "instance": instance, "capacity": 1, "wanted": []})
-    with Bus.open(endpoint, None, STOP) as bus:
-        together.wait(60)
-        robots: list[str] | None = None
-        while not robots:
-            reply = bus.ask(keys.CLAIM, question, 10.0)
-            if reply is not None and (granted := wire.unpack_plain(reply)["robots"]) != robots:
-                robots = granted
-                told.put((instance, tuple(granted)))
-        token = bus.token(keys.LASER, instance, tuple(robots))
-        STOP.wait()
-        token.undeclare()
-
-
 @contextmanager
 def workers(endpoint: str, round_: int) -> Iterator[Any]:
     """All of them, ready to ask at one moment; gives the queue of what they are granted."""
     together, told = PROCESSES.Barrier(WORKERS), PROCESSES.Queue()
     crowd = [
-        PROCESSES.Process(target=work, args=(endpoint, f"worker{i}-{round_}", together, told)) for i in range(WORKERS)
+        PROCESSES.Process(target=claimant.work, args=(endpoint, f"worker{i}-{round_}", together, told))
+        for i in range(WORKERS)
     ]
     for process in crowd:
         process.start()
@@ -77,14 +62,14 @@ def test_ids_are_unique_under_any_order_of_starts(endpoint: str) -> None:
         server.watch_alive(lambda s, i, robots, up: alive.update({i: robots}) if up else alive.pop(i, None))
         Claims(ROBOTS, lambda fleet: None).attend(server)
         for round_ in range(ROUNDS):
-            grants: list[tuple[str, ...]] = []
             with workers(endpoint, round_) as told:
-                while len(grants) < WORKERS:  # each has one, or was refused while all were held
-                    grants.append(told.get(timeout=60)[1])
-                held = sorted(robot for grant in grants for robot in grant)
+                said: dict[str, tuple[str, ...]] = {}
+                while len(said) < WORKERS or sum(map(bool, said.values())) < len(ROBOTS):
+                    said.update([told.get(timeout=60)])  # a robot, or that it is a spare; a spare may get one yet
+                held = sorted(robot for robots in said.values() for robot in robots)
                 assert held == list(ROBOTS), f"round {round_}"
                 until(lambda: sorted(r for robots in alive.values() for r in robots) == list(ROBOTS))
-                assert told.empty(), f"round {round_}: {told.get()} after all were held"
+                assert told.empty(), f"round {round_}: {told.get()} when all were held"
             until(lambda: not alive)
 
 
