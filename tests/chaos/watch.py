@@ -59,8 +59,8 @@ class Watch:
 
     def await_frame(self, frame: int, within_s: float = 120.0) -> None:
         """Until the world has come so far."""
-        until(lambda: self.frame >= frame, f"frame {frame} (now {self.frame})", within_s, LOOK_S)
+        until(lambda: self.frame >= frame, f"frame {frame}", within_s, LOOK_S)
 
     def await_figure(self, node: str, figure: str, holds: Callable[[float], bool], within_s: float = 60.0) -> None:
         """Until a figure is as wanted."""
-        until(lambda: holds(self.of(node, figure)), f"{figure} of {node} ({self.of(node, figure)})", within_s, LOOK_S)
+        until(lambda: holds(self.of(node, figure)), f"{figure} of {node}", within_s, LOOK_S)
