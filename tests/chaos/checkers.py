@@ -20,6 +20,8 @@ from simnet import checkers as simulated
 from simnet.history import Acked, History, Load
 
 LATENCY_MAX_S = 2.0
+MEMORY_MAX_BYTES = 400e6
+"""Of any process on `tiny`: under the smallest limit of compose.yaml for a robot's service (512 MB)."""
 KEPT_SHARE = 0.75
 """Of a cell's confidence. A new life gets its row back in coarse cells; where fine ones seen since contradict their
 mean, the newer replace it by the rule of mapping.md section 3, so that up to 16 % were seen to go."""
@@ -135,8 +137,11 @@ def nothing_uncommitted_is_visible(e: Evidence) -> list[str]:
 def queues_are_bounded(e: Evidence) -> list[str]:
     """5: outbox, batches in flight, batch size; mailboxes did not overflow; memory stayed under its limit."""
     wrong = simulated.queues_are_bounded(history(e))
-    full = sorted({line["node"] for line in e.of("figures") if line["figures"].get("overflowed")})
-    return wrong + [f"5: the mailbox of {node} overflowed" for node in full]
+    figures = [(line["node"], line["figures"]) for line in e.of("figures")]
+    full = sorted({node for node, of in figures if of.get("overflowed")})
+    fat = sorted({node for node, of in figures if of.get("rss_max_bytes", 0.0) > MEMORY_MAX_BYTES})
+    wrong += [f"5: the mailbox of {node} overflowed" for node in full]
+    return wrong + [f"5: {node} used more than {MEMORY_MAX_BYTES / 1e6:.0f} MB" for node in fat]
 
 
 def recovery_is_repeatable(e: Evidence) -> list[str]:

@@ -126,6 +126,7 @@ MUTATIONS: list[tuple[str, Callable[[Evidence], None]]] = [
     ("4:", lambda e: lines(e, digest(2, 9, "c"))),
     ("5:", lambda e: lines(e, figures(3.0, batches_in_flight=5.0))),
     ("5:", lambda e: lines(e, figures(3.0, overflowed=1.0))),
+    ("5:", lambda e: lines(e, figures(3.0, rss_max_bytes=5e8))),
     ("7:", lambda e: setattr(e, "recovered", (e.recovered[0], b"other"))),
     ("8:", lambda e: lines(e, figures(3.0, rejected_crc=1.0))),
     ("9:", fenced_for_nothing),
