@@ -43,7 +43,6 @@ study: setup ## the paper's Table 3: mapping time with one, two and three robots
 
 image: ## build the image of all services
 	ops/offline-images
-	docker buildx version >/dev/null 2>&1 || export DOCKER_BUILDKIT=0; \
 	docker build --quiet --file ops/Dockerfile --tag orograph . >/dev/null
 
 up: image ## start the cluster in containers: ROBOTS=3 SCENARIO=tiny SEED= TIME_SCALE= START_WITH=

@@ -133,10 +133,11 @@ def claims_s() -> float:
         begin_s = time.monotonic()
         it.compose("up", "--detach", "--no-recreate", "--scale", f"{keys.LASER}={WORKERS}", keys.LASER)
 
-        def said(word: str) -> int:
-            return sum(word in it.logs(container) for container in it.containers(keys.LASER))
+        def all_said() -> bool:
+            logs = [it.logs(container) for container in it.containers(keys.LASER)]
+            return sum("ready: " in log or "wait as a spare" in log for log in logs) == WORKERS
 
-        until(lambda: said("ready: ") == 10 and said("waiting for a robot: ") >= WORKERS - 10, "all claims", 240)
+        until(all_said, "all claims", 240, poll_s=2.0)
         return time.monotonic() - begin_s
 
 
