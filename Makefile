@@ -52,7 +52,7 @@ watch: ## add Prometheus and Grafana to the cluster, on loopback
 	ops/watch
 
 down: ## end the cluster; its volume with the runs stays
-	ops/compose --profile '*' down --timeout 4
+	STATUS_PORT=1 ops/compose --profile '*' down --timeout 4
 
 logs: ## follow the cluster's logs
 	ops/compose logs --follow --tail 50

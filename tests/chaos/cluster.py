@@ -18,6 +18,7 @@ from typing import Any
 ROOT = Path(__file__).parents[2]
 COMPOSE = ROOT / "ops" / "compose"
 CHAOS = Path(__file__).parent
+DOWN_ATTEMPTS = 3
 POLL_S = 0.5
 """Between questions to Docker, each of which is a process."""
 
@@ -66,8 +67,19 @@ class Cluster:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
         if isinstance(error, ChaosError):
             print(self.last_words(), file=sys.stderr, flush=True)
-        self.compose("--profile", "*", "down", "--volumes", "--remove-orphans", "--timeout", "1", check=False)
+        self._down()
         self._folder.cleanup()
+
+    def _down(self) -> None:
+        """On a loaded machine the engine may hold a network that its last container has left, once in a while for good
+        (until the daemon is restarted): that is said, and is no verdict on the product.
+        """
+        for _ in range(DOWN_ATTEMPTS):
+            try:
+                self.compose("--profile", "*", "down", "--volumes", "--remove-orphans", "--timeout", "1")
+                return
+            except ChaosError as error:
+                print(f"the engine does not let go: {error}", file=sys.stderr, flush=True)
 
     def compose(self, *arguments: str, check: bool = True) -> str:
         """Run Compose on this project."""

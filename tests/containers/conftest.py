@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
 import uuid
 from collections.abc import Callable, Iterator
@@ -84,7 +85,10 @@ class Cluster:
         return Path(report).parent
 
     def down(self) -> None:
-        self.compose("--profile", "*", "down", "--volumes", "--remove-orphans", "--timeout", "2", check=False)
+        """Thrice if need be: a loaded engine may still hold a network that its last container has left."""
+        command = ("--profile", "*", "down", "--volumes", "--remove-orphans", "--timeout", "2")
+        if all(self.compose(*command, check=False).returncode for _ in range(3)):
+            print(f"{self.project}: {self.compose(*command, check=False).stderr}", file=sys.stderr)
 
 
 @pytest.fixture(scope="session")
