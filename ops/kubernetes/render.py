@@ -15,15 +15,12 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from orograph import keys
 
 ROOT = Path(__file__).parents[2]
-TARGET = Path(__file__).parent / "orograph.yaml"
 NAMESPACE = "orograph"
-PLANES = ("sim", "radio")
 ROUTER_PORT, METRICS_PORT = 7447, 9464
 USER = 10001
-PER_ROBOT = ("laser", "robot-mapping", "navigator")
-AT_BASE = ("world", "map-manager", "orchestrator")
 BASE_HOST, ROBOT_HOST = "orograph.io/base", "orograph.io/robots"
 """Labels of nodes: the one that holds the world, and those that hold robots."""
 MIB = {"m": 1, "g": 1024}
@@ -45,9 +42,9 @@ class Wishes:
 def manifests(wishes: Wishes) -> list[Manifest]:
     """Everything that `kubectl apply` needs, in order."""
     services = yaml.safe_load((ROOT / "compose.yaml").read_text())["services"]
-    routers = [m for plane in PLANES for m in _routers(plane, services[f"router-{plane}"], wishes)]
-    workers = [_job(name, services[name], wishes) for name in (*AT_BASE, *PER_ROBOT)]
-    policies = [_closed(), *(_plane(plane) for plane in PLANES), _watched()]
+    routers = [m for plane in keys.PLANES for m in _routers(plane, services[f"router-{plane}"], wishes)]
+    workers = [_job(name, services[name], wishes) for name in keys.SERVICES]
+    policies = [_closed(), *(_plane(plane) for plane in keys.PLANES), _watched()]
     return [_namespace(), _volume(wishes), *policies, *routers, *workers]
 
 
@@ -136,7 +133,7 @@ def _door(name: str, more: Manifest) -> Manifest:
 
 
 def _job(name: str, service: Mapping[str, Any], wishes: Wishes) -> Manifest:
-    per_robot = name in PER_ROBOT
+    per_robot = name in keys.ROBOT_SERVICES
     labels = {f"orograph.io/{plane}": "true" for plane in service["networks"]}
     host = {ROBOT_HOST if per_robot else BASE_HOST: "true"}
     pod = _pod(name, service, wishes, labels, host)
@@ -179,9 +176,9 @@ def _pod(
 def _container(
     name: str, service: Mapping[str, Any], wishes: Wishes, has_runs: bool, more_arguments: tuple[str, ...]
 ) -> Manifest:
-    router = "router-{}" if name in PER_ROBOT else "router-{}-base"
+    router = "router-{}" if name in keys.ROBOT_SERVICES else "router-{}-base"
     endpoints = {
-        f"OROGRAPH_{plane.upper()}": f"tcp/{router.format(plane)}:{ROUTER_PORT}" for plane in PLANES if has_runs
+        f"OROGRAPH_{plane.upper()}": f"tcp/{router.format(plane)}:{ROUTER_PORT}" for plane in keys.PLANES if has_runs
     }
     environment = {**service.get("environment", {}), **endpoints}
     mounts = [{"name": "tmp", "mountPath": "/tmp"}]

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import goals
 import numpy as np
 from chaos.cluster import Cluster, call, until
 from chaos.runner import await_end
@@ -22,6 +23,7 @@ from chaos.watch import Line, Watch
 from orograph import keys
 from orograph.cli.run import commit, resolve, run
 from orograph.edge.scenario_file import load_scenario
+from pydantic import ByteSize, TypeAdapter
 from rich.console import Console
 from rich.table import Table
 
@@ -72,14 +74,8 @@ def memory_mb(it: Cluster) -> dict[str, float]:
     found: defaultdict[str, float] = defaultdict(float)
     for name, used in (line.split()[:2] for line in told.splitlines() if line.startswith(it.project)):
         service = name.removeprefix(f"{it.project}-").rsplit("-", 1)[0]
-        found[service] = max(found[service], _mb(used))
+        found[service] = max(found[service], TypeAdapter(ByteSize).validate_python(used) / 1e6)
     return dict(sorted(found.items()))
-
-
-def _mb(used: str) -> float:
-    units = {"GiB": 1024**3, "MiB": 1024**2, "KiB": 1024, "B": 1}
-    unit = next(unit for unit in units if used.endswith(unit))
-    return float(used.removesuffix(unit)) * units[unit] / 1e6
 
 
 def hops_s(lines: Sequence[Line], frame_s: float) -> list[float]:
@@ -154,15 +150,11 @@ def measure() -> tuple[dict[str, Any], dict[str, float]]:
 def main() -> int:
     """Print both tables, then the JSON line."""
     figures, memory = measure()
-    table = Table("figure", "measured", "goal", "", "what")
-    for name, (sense, goal, what) in GOALS.items():
-        met = figures[name] <= goal if sense == "<=" else figures[name] >= goal
-        table.add_row(name, f"{figures[name]:,.4g}", f"{sense} {goal:,.4g}", "met" if met else "MISSED", what)
     used = Table("service", "memory [MB]")
     for service, mb in memory.items():
         used.add_row(service, f"{mb:,.0f}")
     console = Console(width=140)
-    console.print(table)
+    console.print(goals.table(GOALS, figures))
     console.print(used)
     rounded = {k: float(f"{v:.4g}") for k, v in figures.items()}
     print(json.dumps({**rounded, "memory_mb": memory, "cores": os.cpu_count(), "commit": commit()}))

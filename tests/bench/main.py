@@ -19,10 +19,10 @@ import bench_fold
 import bench_mapping
 import bench_physics
 import bench_rays
+import goals
 from orograph.cli.run import commit, resolve, run
 from orograph.edge.scenario_file import load_scenario
 from rich.console import Console
-from rich.table import Table
 
 GOALS = {
     "scan_ms": ("<=", 1.0, "30 000 points -> aux -> HRM -> LLRM -> list, median, one core"),
@@ -60,11 +60,7 @@ def main() -> int:
     figures.update(shared)
     figures["rtf_paper_3_one_process_each"] = single["rtf_paper_3"]
     figures["rss_mapping_mb"] = single["rss_mapping_mb"]
-    table = Table("figure", "measured", "goal", "", "what")
-    for name, (sense, goal, what) in GOALS.items():
-        met = figures[name] <= goal if sense == "<=" else figures[name] >= goal
-        table.add_row(name, f"{figures[name]:,.4g}", f"{sense} {goal:,.4g}", "met" if met else "MISSED", what)
-    Console(width=140).print(table)
+    Console(width=140).print(goals.table(GOALS, figures))
     machine = {"cores": os.cpu_count(), "machine": platform.machine(), "python": platform.python_version()}
     print(json.dumps({**{k: float(f"{v:.6g}") for k, v in figures.items()}, **machine, "commit": commit()}))
     return 0

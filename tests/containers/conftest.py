@@ -7,12 +7,13 @@ import os
 import signal
 import subprocess
 import sys
-import time
 import uuid
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import polling
 import pytest
 
 ROOT = Path(__file__).parents[2]
@@ -27,11 +28,7 @@ def call(*command: str, env: dict[str, str] | None = None, check: bool = True) -
 
 
 def until(condition: Callable[[], Any], what: str, seconds: float = DEADLINE_S) -> Any:
-    deadline = time.monotonic() + seconds
-    while not (found := condition()):
-        assert time.monotonic() < deadline, what
-        time.sleep(0.2)
-    return found
+    return polling.until(condition, what, seconds, poll_s=0.2)
 
 
 class Cluster:
@@ -91,6 +88,17 @@ class Cluster:
             print(f"{self.project}: {self.compose(*command, check=False).stderr}", file=sys.stderr)
 
 
+@contextmanager
+def clusters() -> Iterator[list[Cluster]]:
+    """A list of clusters, all of which are gone at the end."""
+    made: list[Cluster] = []
+    try:
+        yield made
+    finally:
+        for cluster in made:
+            cluster.down()
+
+
 @pytest.fixture(scope="session")
 def engine() -> None:
     """A Docker engine with Compose and the image of this tree; without them the tests fail, they are not skipped."""
@@ -105,14 +113,10 @@ def engine() -> None:
 @pytest.fixture(scope="module")
 def start(engine: None) -> Iterator[Callable[..., Cluster]]:
     """Make clusters; all of them are gone at the module's end."""
-    made: list[Cluster] = []
+    with clusters() as made:
 
-    def make(**wishes: str) -> Cluster:
-        made.append(Cluster(**wishes))
-        return made[-1]
+        def make(**wishes: str) -> Cluster:
+            made.append(Cluster(**wishes))
+            return made[-1]
 
-    try:
         yield make
-    finally:
-        for cluster in made:
-            cluster.down()

@@ -6,7 +6,6 @@ import json
 import math
 import os
 import shutil
-import socket
 import subprocess
 import time
 import urllib.error
@@ -20,6 +19,7 @@ from typing import Any
 
 import pytest
 import yaml
+from orograph.cli.launch import free_port
 
 ROOT = Path(__file__).parents[2]
 OPS = ROOT / "ops/prometheus"
@@ -111,13 +111,6 @@ class Prometheus:
                 return bool(answer.status == 200)
         except OSError:
             return False
-
-
-def free_port() -> int:
-    """A loopback port nobody listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def local_config(targets: Mapping[str, Sequence[str]], own: str) -> dict[str, Any]:

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from containers.conftest import ROOT, Cluster, call, until
-from containers.prometheus_tools import free_port
+from containers.conftest import ROOT, Cluster, call, clusters, until
 from orograph import keys
+from orograph.cli.launch import free_port
 from orograph.cli.run import resolve, run
 from orograph.edge.scenario_file import load_scenario
 
@@ -65,18 +65,15 @@ class TwoHosts(Cluster):
 
 @pytest.fixture
 def two_hosts(engine: None) -> Iterator[Callable[[str], TwoHosts]]:
-    made: list[TwoHosts] = []
+    with clusters() as made:
 
-    def make(time_scale: str) -> TwoHosts:
-        made.append(TwoHosts(time_scale))
-        made[-1].compose("up", "--detach")  # how soon all is healthy is another test's question
-        return made[-1]
+        def make(time_scale: str) -> TwoHosts:
+            cluster = TwoHosts(time_scale)
+            made.append(cluster)
+            cluster.compose("up", "--detach")  # how soon all is healthy is another test's question
+            return cluster
 
-    try:
         yield make
-    finally:
-        for cluster in made:
-            cluster.down()
 
 
 def summary(cluster: TwoHosts, out: Path) -> dict[str, Any]:

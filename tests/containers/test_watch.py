@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from containers.prometheus_tools import OPS, Prometheus, free_port, promtool, questions, running
+from containers.prometheus_tools import OPS, Prometheus, promtool, questions, running
 from orograph import keys
 from orograph.cli import launch
 from orograph.cli.run import prepare_out, resolve
@@ -48,7 +48,7 @@ class Mission:
         self._thread.join(30)
 
     def meter(self, name: str, arguments: tuple[str, ...]) -> tuple[str, ...]:
-        address = f"127.0.0.1:{free_port()}"
+        address = f"127.0.0.1:{launch.free_port()}"
         job = next(job for job in sorted(JOBS) if name == job or name.startswith(f"{job}-"))
         self.targets[job].append(address)
         return (*arguments, "--metrics-port", address)

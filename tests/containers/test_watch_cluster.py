@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 import pytest
 from containers.conftest import ROOT, Cluster, call, until
-from containers.prometheus_tools import Prometheus, free_port, questions
+from containers.prometheus_tools import Prometheus, questions
 from orograph import keys
+from orograph.cli.launch import free_port
 
 pytestmark = pytest.mark.containers
 ROBOTS = 2

@@ -111,6 +111,22 @@ def make_clock(
     )  # fmt: skip
 
 
+def assert_steps_as_one_process(where: Mapping[str, str], out: Path) -> None:
+    """All of NAMES in lockstep, each on a bus to its endpoint, come to what they come to in one process."""
+    guard, chatters = Stop(), make_chatters()
+    threads = [participate(where[n], chatters[n], guard, out) for n in NAMES[1:]]
+    with Recording(out, "world") as recording, Bus.open(where[keys.WORLD], None, guard.stop) as bus:
+        clock = make_clock(bus, chatters[keys.WORLD], guard, recording, NAMES[1:])
+        clock.await_start()
+        clock.run()
+    for thread in threads:
+        thread.join(10)
+        assert not thread.is_alive()
+    assert clock.lost == 0
+    assert {n: c.frames for n, c in chatters.items()} == dict.fromkeys(NAMES, FRAMES)
+    assert {n: c.state for n, c in chatters.items()} == in_one_process()
+
+
 def await_progress(chatter: Chatter, frames: int = 20) -> None:
     goal, deadline = chatter.frames + frames, time.monotonic() + 20
     while chatter.frames < goal:

@@ -2,13 +2,14 @@
 
 import threading
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from contract import claimant
 from orograph import keys
-from orograph.edge import claims, wire
+from orograph.edge import claims
 from orograph.edge.bus import Bus
+from polling import until
 
 ROBOTS = tuple(keys.robot_id(i + 1) for i in range(5))
 STOP = threading.Event()
@@ -16,18 +17,12 @@ STOP = threading.Event()
 
 def _ask(bus: Bus, instance: str, service: str = keys.LASER, capacity: int = 1) -> list[str]:
     """The robots granted; asked again, as a worker does, until the routers know the one who answers."""
-    question = {"service": service, "instance": instance, "capacity": capacity, "wanted": []}
-    deadline = time.monotonic() + 10
-    while (reply := bus.ask(keys.CLAIM, wire.pack_plain(question), 5.0)) is None:
-        assert time.monotonic() < deadline
-    return wire.unpack_plain(reply)["robots"]
 
+    def answer() -> tuple[list[str], ...]:
+        robots = claimant.ask(bus, instance, service, capacity)
+        return () if robots is None else (robots,)
 
-def _until(condition: Callable[[], bool], seconds: float = 10) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    return until(answer, "nobody answers", within_s=10)[0]
 
 
 def test_claims_made_at_once_are_disjoint_and_the_rest_are_spares(endpoint: str) -> None:
@@ -45,14 +40,14 @@ def test_the_dead_give_back_and_the_proven_keep(endpoint: str, monkeypatch: pyte
         claims.Claims(ROBOTS[:1], lambda fleet: None).attend(server)
         assert _ask(bus, "silent") == ["robot_001"]
         assert _ask(bus, "other") == []
-        _until(lambda: _ask(bus, "other") == ["robot_001"])
+        until(lambda: _ask(bus, "other") == ["robot_001"], "the other gets none", within_s=10)
         token = bus.token(keys.LASER, "other", ("robot_001",))
-        _until(lambda: _ask(bus, "other") == ["robot_001"])
+        until(lambda: _ask(bus, "other") == ["robot_001"], "the other gets none", within_s=10)
         for _ in range(40):
             assert _ask(bus, "late") == []
             time.sleep(0.01)
         token.undeclare()
-        _until(lambda: _ask(bus, "late") == ["robot_001"])
+        until(lambda: _ask(bus, "late") == ["robot_001"], "the late one gets none", within_s=10)
 
 
 def test_a_new_orchestrator_learns_who_holds_what(endpoint: str) -> None:
@@ -68,10 +63,10 @@ def test_the_fleet_is_told_of_once_it_was_whole(endpoint: str) -> None:
     with Bus.open(endpoint, None, STOP) as server, Bus.open(endpoint, None, STOP) as bus:
         claims.Claims(ROBOTS[:2], told.append).attend(server)
         tokens = [bus.token(s, f"{s}{r}", (r,)) for s in keys.ROBOT_SERVICES for r in ROBOTS[:2]]
-        _until(lambda: bool(told))
+        until(lambda: bool(told), "the fleet is not told of", within_s=10)
         assert told == [ROBOTS[:2]]
         tokens[0].undeclare()
-        _until(lambda: len(told) == 2)
+        until(lambda: len(told) == 2, "the loss is not told of", within_s=10)
         assert told[1] == ("robot_002",)
 
 
@@ -90,7 +85,7 @@ def test_a_worker_that_another_robot_needs_is_released(endpoint: str, monkeypatc
             bus.tell(keys.TICK, b"")
             return bool(released)
 
-        _until(ticked)
+        until(ticked, "nobody is released", within_s=10)
         assert set(released) == {keys.LASER}
         for token in tokens:
             token.undeclare()

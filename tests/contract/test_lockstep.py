@@ -5,13 +5,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from contract.chatter import (
-    FRAMES,
     NAMES,
     SCENARIO,
     Chatter,
     Stop,
+    assert_steps_as_one_process,
     await_progress,
-    in_one_process,
     make_chatters,
     make_clock,
     participate,
@@ -25,18 +24,7 @@ from orograph.messages import Envelope, Frame, RunEnd
 
 
 def test_processes_over_zenoh_step_as_one_process_does(endpoint: str, tmp_path: Path) -> None:
-    guard, chatters = Stop(), make_chatters()
-    threads = [participate(endpoint, chatters[n], guard, tmp_path) for n in NAMES[1:]]
-    with Recording(tmp_path, "world") as recording, Bus.open(endpoint, None, guard.stop) as bus:
-        clock = make_clock(bus, chatters[keys.WORLD], guard, recording, NAMES[1:])
-        clock.await_start()
-        clock.run()
-    for thread in threads:
-        thread.join(10)
-        assert not thread.is_alive()
-    assert clock.lost == 0
-    assert {n: c.frames for n, c in chatters.items()} == dict.fromkeys(NAMES, FRAMES)
-    assert {n: c.state for n, c in chatters.items()} == in_one_process()
+    assert_steps_as_one_process(dict.fromkeys(NAMES, endpoint), tmp_path)
 
 
 def test_who_leaves_is_not_waited_for_and_may_come_back(endpoint: str, tmp_path: Path) -> None:

@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from contract.chatter import FRAMES, NAMES, Stop, await_progress, in_one_process, make_chatters, make_clock, participate
+from contract import claimant
+from contract.chatter import Stop, assert_steps_as_one_process, await_progress, make_chatters, make_clock, participate
 from contract.conftest import free_endpoint
 from contract.link import Link
 from orograph import keys
-from orograph.edge import wire
 from orograph.edge.bus import Bus
 from orograph.edge.claims import Claims
 from orograph.edge.recording import Recording
+from polling import until
 
-DEADLINE_S = 20.0
 STOP = threading.Event()
 FAR = "navigator/robot_001"
 
@@ -41,17 +40,8 @@ def hosts(start_router: Callable[..., object]) -> Iterator[Hosts]:
         yield Hosts(base, far, link)
 
 
-def until(condition: Callable[[], object], what: str) -> None:
-    deadline_s = time.monotonic() + DEADLINE_S
-    while not condition():
-        assert time.monotonic() < deadline_s, what
-        time.sleep(0.02)
-
-
 def claim(bus: Bus, instance: str) -> list[str]:
-    question = {"service": keys.LASER, "instance": instance, "capacity": 1, "wanted": []}
-    reply = bus.ask(keys.CLAIM, wire.pack_plain(question), 5.0)
-    return wire.unpack_plain(reply)["robots"] if reply else []
+    return claimant.ask(bus, instance) or []
 
 
 class Tokens:
@@ -96,19 +86,8 @@ def test_without_the_link_nobody_is_seen(start_router: Callable[..., object]) ->
 
 
 def test_lockstep_over_two_routers_is_that_of_one_process(hosts: Hosts, tmp_path: Path) -> None:
-    guard, chatters = Stop(), make_chatters()
-    where = {keys.MANAGER: hosts.base, keys.ORCHESTRATOR: hosts.far, FAR: hosts.far}
-    threads = [participate(where[n], chatters[n], guard, tmp_path) for n in NAMES[1:]]
-    with Recording(tmp_path, "world") as recording, Bus.open(hosts.base, None, guard.stop) as bus:
-        clock = make_clock(bus, chatters[keys.WORLD], guard, recording, NAMES[1:])
-        clock.await_start()
-        clock.run()
-    for thread in threads:
-        thread.join(10)
-        assert not thread.is_alive()
-    assert clock.lost == 0
-    assert {n: c.frames for n, c in chatters.items()} == dict.fromkeys(NAMES, FRAMES)
-    assert {n: c.state for n, c in chatters.items()} == in_one_process()
+    near = dict.fromkeys((keys.WORLD, keys.MANAGER), hosts.base)
+    assert_steps_as_one_process(near | dict.fromkeys((keys.ORCHESTRATOR, FAR), hosts.far), tmp_path)
 
 
 @pytest.mark.parametrize("cut", [Link.reset, Link.fall_silent])

@@ -76,9 +76,10 @@ class NodeHost:
         self._shown_s = now
         shown = {node.name: node.telemetry() for node in self.nodes}
         process = metrics.process_figures(frame.stamp_ns, self._scenario, shown, self._mailbox, self._bus)
-        metrics.FIGURES.show(shown, {**process, "rss_max_bytes": rss_max_bytes()})
+        memory = {"rss_max_bytes": rss_max_bytes()}
+        metrics.FIGURES.show(shown, {**process, **memory})
         for name, telemetry in shown.items():
-            figures = {**telemetry, **self._mailbox.counts, "rss_max_bytes": rss_max_bytes()}
+            figures = {**telemetry, **self._mailbox.counts, **memory}
             self._bus.show(name, wire.pack_plain({k: float(v) for k, v in figures.items()}))
 
     def save(self, process: str, stages: Mapping[str, StageRecorder]) -> None:

@@ -121,25 +121,20 @@ def _deterministic(parts: RunParts) -> Check:
 
 def copies_equal(parts: RunParts, ledger: Ledger) -> bool | None:
     """Whether every copy of a robot that stayed has the manager's hash; None where one of them left no map."""
-    if ledger.glrm is None or not set(parts.staying) <= set(ledger.copies):
-        return None
-    return _equal_copies(parts, ledger, map_hash(ledger.glrm)) == len(parts.staying)
-
-
-def _equal_copies(parts: RunParts, ledger: Ledger, wanted: bytes) -> int:
-    copies = [ledger.copies[robot] for robot in parts.staying if robot in ledger.copies]
-    return sum(map_hash(copy) == wanted for copy in copies)
+    return _copies(parts, ledger).ok
 
 
 def _copies(parts: RunParts, ledger: Ledger) -> Check:
     if ledger.glrm is None:
         return Check("Every robot holds the manager's map", None, "The map manager left no map.")
     wanted = map_hash(ledger.glrm)
-    same = _equal_copies(parts, ledger, wanted)
+    copies = [ledger.copies[robot] for robot in parts.staying if robot in ledger.copies]
+    same = sum(map_hash(copy) == wanted for copy in copies)
     found = f"{same} of {len(parts.staying)} copies have the hash {wanted.hex()[:12]}…"
     if parts.gone:
         found += f" Not there at the end: {', '.join(parts.gone)}."
-    return Check("Every robot holds the manager's map, bit for bit", copies_equal(parts, ledger), found)
+    ok = None if len(copies) < len(parts.staying) else same == len(copies)
+    return Check("Every robot holds the manager's map, bit for bit", ok, found)
 
 
 def is_own_fold(parts: RunParts, ledger: Ledger) -> bool | None:

@@ -3,38 +3,24 @@
 from __future__ import annotations
 
 import multiprocessing
-import socket
-import subprocess
-import sys
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import pytest
-from cluster import claimant
+from contract import claimant
 from orograph import keys
 from orograph.edge.bus import Bus
 from orograph.edge.claims import Claims
+from polling import until
 
 pytestmark = [pytest.mark.cluster, pytest.mark.timeout(600)]
 ROBOTS = tuple(keys.robot_id(i + 1) for i in range(10))
 WORKERS, ROUNDS = 32, 20
 STOP = threading.Event()
 PROCESSES = multiprocessing.get_context("forkserver")
-PROCESSES.set_forkserver_preload(["cluster.claimant"])
-
-
-@pytest.fixture
-def endpoint() -> Iterator[str]:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        address = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-    router = subprocess.Popen([sys.executable, "-m", "services.router", "--listen", address])
-    yield address
-    router.kill()
-    router.wait()
+PROCESSES.set_forkserver_preload(["contract.claimant"])
 
 
 @contextmanager
@@ -68,13 +54,6 @@ def test_ids_are_unique_under_any_order_of_starts(endpoint: str) -> None:
                     said.update([told.get(timeout=60)])  # a robot, or that it is a spare; a spare may get one yet
                 held = sorted(robot for robots in said.values() for robot in robots)
                 assert held == list(ROBOTS), f"round {round_}"
-                until(lambda: sorted(r for robots in alive.values() for r in robots) == list(ROBOTS))
+                until(lambda: sorted(r for robots in alive.values() for r in robots) == list(ROBOTS), "not all tokens")
                 assert told.empty(), f"round {round_}: {told.get()} when all were held"
-            until(lambda: not alive)
-
-
-def until(condition: Callable[[], bool], seconds: float = 20) -> None:
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+            until(lambda: not alive, "tokens of the dead stay")

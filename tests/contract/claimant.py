@@ -1,4 +1,4 @@
-"""A worker process that only claims; in a module of its own, as the processes of a fork server import it by name."""
+"""A worker that only claims; in a module of its own, as the processes of a fork server import it by name."""
 
 from __future__ import annotations
 
@@ -12,15 +12,21 @@ from orograph.edge.bus import Bus
 FOR_EVER = threading.Event()
 
 
+def ask(bus: Bus, instance: str, service: str = keys.LASER, capacity: int = 1) -> list[str] | None:
+    """The robots granted, none for a spare; None where nobody answers (yet)."""
+    question = {"service": service, "instance": instance, "capacity": capacity, "wanted": []}
+    reply = bus.ask(keys.CLAIM, wire.pack_plain(question), 5.0)
+    return None if reply is None else wire.unpack_plain(reply)["robots"]
+
+
 def work(endpoint: str, instance: str, together: Any, told: Any) -> None:
     """What a service does before it builds its nodes: claim, show its token, or wait as a spare; until it is killed."""
-    question = wire.pack_plain({"service": keys.LASER, "instance": instance, "capacity": 1, "wanted": []})
     with Bus.open(endpoint, None, FOR_EVER) as bus:
         together.wait(60)
         robots: list[str] | None = None
         while not robots:
-            reply = bus.ask(keys.CLAIM, question, 10.0)
-            if reply is not None and (granted := wire.unpack_plain(reply)["robots"]) != robots:
+            granted = ask(bus, instance)
+            if granted is not None and granted != robots:
                 robots = granted
                 told.put((instance, tuple(granted)))
         token = bus.token(keys.LASER, instance, tuple(robots))
