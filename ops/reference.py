@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from orograph import keys, messages
-from orograph.edge.scenario_file import scenario_json_schema
+from orograph.storage.scenario_file import scenario_json_schema
 
 ROOT = Path(__file__).parents[1]
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from orograph import keys
-from orograph.edge.briefing import Briefing
-from orograph.edge.guard import Guard, leave, options
-from orograph.edge.participant import take_part
-from orograph.edge.settings import Settings
 from orograph.nodes.navigator import NavigatorNode
+from orograph.runtime.briefing import Briefing
+from orograph.runtime.participant import take_part
+from orograph.runtime.settings import Settings
+from orograph.runtime.watchdog import Watchdog, leave, options
 from orograph.stages import StageRecorder
 
 
@@ -18,5 +18,5 @@ def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[NavigatorNo
 
 
 if __name__ == "__main__":
-    guard = Guard(keys.NAVIGATOR, options(__doc__).parse_args())
-    leave(take_part(keys.NAVIGATOR, Settings.from_environment(), guard, build))
+    watchdog = Watchdog(keys.NAVIGATOR, options(__doc__).parse_args())
+    leave(take_part(keys.NAVIGATOR, Settings.from_environment(), watchdog, build))

@@ -6,19 +6,18 @@ import argparse
 import sys
 
 from orograph import keys
-from orograph.cli.campaign import Campaign
-from orograph.cli.errors import InputError
-from orograph.cli.run import resolve
-from orograph.edge import wire
-from orograph.edge.briefing import Briefing, answer
-from orograph.edge.bus import Bus
-from orograph.edge.claims import Claims
-from orograph.edge.guard import Guard, leave, options, whole_number
-from orograph.edge.participant import take_part
-from orograph.edge.scenario_file import ScenarioError, load_scenario
-from orograph.edge.settings import Settings
-from orograph.nodes.fleet import robots_of
+from orograph.comms import wire
+from orograph.comms.bus import Bus
+from orograph.errors import InputError
+from orograph.launch.cluster_run import ClusterRun
+from orograph.launch.lifecycle import resolve
 from orograph.nodes.orchestrator import OrchestratorNode
+from orograph.runtime.briefing import Briefing, answer
+from orograph.runtime.claims import Claims
+from orograph.runtime.participant import take_part
+from orograph.runtime.settings import Settings
+from orograph.runtime.watchdog import Watchdog, leave, options, whole_number
+from orograph.storage.scenario_file import ScenarioError, load_scenario
 
 
 def _arguments() -> argparse.Namespace:
@@ -35,14 +34,14 @@ def _arguments() -> argparse.Namespace:
 def main() -> int:
     """Run the service; a run that it named itself gets its report from it."""
     arguments = _arguments()
-    guard, settings = Guard(keys.ORCHESTRATOR, arguments), Settings.from_environment()
+    watchdog, settings = Watchdog(keys.ORCHESTRATOR, arguments), Settings.from_environment()
     try:
         asked = resolve(
             load_scenario(arguments.scenario), arguments.robots, arguments.seed, arguments.time_scale or None
         )
-        campaign = Campaign(asked, settings.run_dir, arguments.run)
-        _direct(campaign, settings, guard, arguments.start_with)
-        campaign.report(guard)
+        cluster_run = ClusterRun(asked, settings.run_dir, arguments.run)
+        _direct(cluster_run, settings, watchdog, arguments.start_with)
+        cluster_run.report(watchdog)
     except (InputError, ScenarioError) as error:
         print(f"orograph: {error}", file=sys.stderr)
         return 2
@@ -56,12 +55,12 @@ def _status(node: OrchestratorNode, briefing: Briefing, claims: Claims) -> bytes
     return wire.pack_plain(told)
 
 
-def _direct(campaign: Campaign, settings: Settings, guard: Guard, start_with: int | None) -> None:
+def _direct(cluster_run: ClusterRun, settings: Settings, watchdog: Watchdog, start_with: int | None) -> None:
     nodes: list[OrchestratorNode] = []
 
     def brief(bus: Bus) -> Briefing:
-        briefing = campaign.begin(bus, guard)
-        robots = robots_of(briefing.scenario)
+        briefing = cluster_run.begin(bus, watchdog)
+        robots = briefing.scenario.robot_ids
         nodes.append(OrchestratorNode(briefing.scenario, robots, briefing.scenario.seed))
         claims = Claims(robots, nodes[0].present, start_with)
         claims.attend(bus)
@@ -69,7 +68,7 @@ def _direct(campaign: Campaign, settings: Settings, guard: Guard, start_with: in
         bus.answer(keys.STATUS, lambda _: _status(nodes[0], briefing, claims), keys.RADIO)
         return briefing
 
-    take_part(keys.ORCHESTRATOR, settings, guard, build=lambda briefing, robots: (nodes, {}), brief=brief)
+    take_part(keys.ORCHESTRATOR, settings, watchdog, build=lambda briefing, robots: (nodes, {}), brief=brief)
 
 
 if __name__ == "__main__":

@@ -6,11 +6,11 @@ import time
 import uuid
 
 from orograph import keys
-from orograph.edge.briefing import Briefing
-from orograph.edge.guard import Guard, leave, options
-from orograph.edge.participant import take_part
-from orograph.edge.settings import Settings
 from orograph.nodes.robot_mapping import RobotMappingNode
+from orograph.runtime.briefing import Briefing
+from orograph.runtime.participant import take_part
+from orograph.runtime.settings import Settings
+from orograph.runtime.watchdog import Watchdog, leave, options
 from orograph.stages import StageRecorder
 
 
@@ -26,5 +26,5 @@ def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[RobotMappin
 
 
 if __name__ == "__main__":
-    guard = Guard(keys.MAPPING, options(__doc__).parse_args())
-    leave(take_part(keys.MAPPING, Settings.from_environment(), guard, build))
+    watchdog = Watchdog(keys.MAPPING, options(__doc__).parse_args())
+    leave(take_part(keys.MAPPING, Settings.from_environment(), watchdog, build))

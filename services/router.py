@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 
-from orograph.edge import metrics
-from orograph.edge.guard import Guard, leave, options
-from orograph.edge.session import open_router
+from orograph.comms.session import open_router
+from orograph.runtime import metrics
+from orograph.runtime.watchdog import Watchdog, leave, options
 
 
 def main() -> int:
@@ -15,16 +15,16 @@ def main() -> int:
     parser.add_argument("--listen", required=True, metavar="ENDPOINT")
     parser.add_argument("--peer", action="append", default=[], metavar="ENDPOINT")
     arguments = parser.parse_args()
-    guard = Guard("router", arguments)
+    watchdog = Watchdog("router", arguments)
     try:
         router = open_router(arguments.listen, tuple(arguments.peer))
     except OSError as error:
         print(f"router: {error}", file=sys.stderr)
         return 1
     with router:
-        guard.alive()
-        while not guard.stop.wait(1.0):
-            guard.alive()
+        watchdog.alive()
+        while not watchdog.stop.wait(1.0):
+            watchdog.alive()
             metrics.FIGURES.show({"router": {"transports": len(router.info.transports())}}, {})
     return 0
 

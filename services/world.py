@@ -5,15 +5,15 @@ from __future__ import annotations
 from contextlib import suppress
 
 from orograph import keys
-from orograph.edge.briefing import Briefing, answer, await_briefing
-from orograph.edge.bus import Bus
-from orograph.edge.clock import Clock
-from orograph.edge.guard import Guard, leave, options, whole_number
-from orograph.edge.host import NodeHost
-from orograph.edge.recording import Recording
-from orograph.edge.settings import Settings
-from orograph.nodes.fleet import Muster, robots_of
+from orograph.comms.bus import Bus
 from orograph.nodes.world import WorldNode
+from orograph.runtime.briefing import Briefing, answer, await_briefing
+from orograph.runtime.clock import Clock
+from orograph.runtime.host import NodeHost
+from orograph.runtime.roster import Roster
+from orograph.runtime.settings import Settings
+from orograph.runtime.watchdog import Watchdog, leave, options, whole_number
+from orograph.storage.recording import Recording
 
 
 def main() -> None:
@@ -21,27 +21,27 @@ def main() -> None:
     parser = options(__doc__)
     parser.add_argument("--start-with", type=whole_number, metavar="N", help="begin with N whole robots (default: all)")
     arguments = parser.parse_args()
-    guard, settings = Guard(keys.WORLD, arguments), Settings.from_environment()
-    with suppress(InterruptedError), Bus.open(settings.sim, None, guard.stop) as bus:
-        briefing = await_briefing(bus, settings.run_dir, guard)
+    watchdog, settings = Watchdog(keys.WORLD, arguments), Settings.from_environment()
+    with suppress(InterruptedError), Bus.open(settings.sim, None, watchdog.stop) as bus:
+        briefing = await_briefing(bus, settings.run_dir, watchdog)
         if briefing is not None:
             answer(bus, briefing)
-            _turn(bus, briefing, guard, arguments.start_with)
+            _turn(bus, briefing, watchdog, arguments.start_with)
 
 
-def _turn(bus: Bus, briefing: Briefing, guard: Guard, start_with: int | None) -> None:
-    scenario, robots = briefing.scenario, robots_of(briefing.scenario)
-    guard.busy()
+def _turn(bus: Bus, briefing: Briefing, watchdog: Watchdog, start_with: int | None) -> None:
+    scenario, robots = briefing.scenario, briefing.scenario.robot_ids
+    watchdog.busy()
     node = WorldNode(scenario, robots, scenario.seed)
     node.present = set()
-    muster = Muster(robots, start_with or len(robots), node.present)
+    roster = Roster(robots, start_with or len(robots), node.present)
     with Recording(briefing.folder, keys.WORLD) as recording:
         host = NodeHost(bus, [node], scenario, recording)
         down = lambda: (robot for robot, up in node.radio_up().items() if not up)  # noqa: E731
-        clock = Clock(bus, host, scenario, guard, ended=lambda: node.ended is not None, down=down, muster=muster)
+        clock = Clock(bus, host, scenario, watchdog, ended=lambda: node.ended is not None, down=down, roster=roster)
         clock.await_start()
         clock.run()
-        guard.busy()
+        watchdog.busy()
         host.save(keys.WORLD, {})
         recording.save_json("world", {
             "sim_time_s": node.world.stamp_ns * 1e-9, "wall_time_s": clock.wall_time_s,

@@ -1,6 +1,6 @@
 """All messages between nodes, in one file: each field says dtype, shape, unit and bounds.
 
-Nodes exchange these objects; `edge/wire.py` packs them. Nothing here does I/O. Integers and packed records on
+Nodes exchange these objects; `comms/wire.py` packs them. Nothing here does I/O. Integers and packed records on
 everything that a map is folded from; floats only for poses, which must be finite.
 """
 
@@ -20,7 +20,7 @@ MESSAGE_MAX_BYTES: Final = 2_000_000
 
 Packed = npt.NDArray[Any]
 
-RECORD: Final = np.dtype(
+UPDATE: Final = np.dtype(
     [
         ("cell", "<u4"),  # row * cols + col in the GLRM
         ("seq", "<u4"),  # per robot and epoch, grows with each change of the register
@@ -36,7 +36,7 @@ UNKNOWN_GRADIENT: Final = -32768
 UNKNOWN_OCCUPATION: Final = 255
 OCCUPATION_ONE: Final = 254
 
-ROW_RECORD: Final = np.dtype([("epoch", "<u4"), *[(n, RECORD[n]) for n in RECORD.names or ()]])
+REGISTER: Final = np.dtype([("epoch", "<u4"), *[(n, UPDATE[n]) for n in UPDATE.names or ()]])
 """A register with the epoch in which it was written: the robot's own row as the manager holds it."""
 
 CELL: Final = np.dtype(
@@ -159,7 +159,7 @@ class Drive:
 
 
 @dataclass(frozen=True, eq=False)
-class PlanningMap:
+class OccupancyGrid:
     """Robot-mapping -> navigator: occupation of the HRM (evidence over prior) or of the GLRM copy."""
 
     stamp_ns: int = _stamp()
@@ -188,7 +188,7 @@ class Welcome:
     epoch: int = integer(1, U4)
     part: int = integer(0, 65_535)
     parts: int = integer(1, 65_536)
-    row: Packed = array(ROW_RECORD, (None,), 1024)
+    row: Packed = array(REGISTER, (None,), 1024)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +203,7 @@ class Batch:
     """Robot-mapping -> map-manager: registers that changed."""
 
     epoch: int = integer(1, U4)
-    records: Packed = array(RECORD, (None,), 256)
+    records: Packed = array(UPDATE, (None,), 256)
 
 
 @dataclass(frozen=True, eq=False)
@@ -315,13 +315,13 @@ class RunEnd:
 
 
 Message = (
-    Bodies | Sensors | Scan | Pose | Drive | PlanningMap | Hello | Welcome | Fenced | Batch | Ack | Delta | Digest
+    Bodies | Sensors | Scan | Pose | Drive | OccupancyGrid | Hello | Welcome | Fenced | Batch | Ack | Delta | Digest
     | CellsRequest | Mission | RobotStatus | Phase | MappingStatus | ManagerStatus | RunEnd
 )  # fmt: skip
 KINDS: Final[dict[str, type[Any]]] = {
     cls.__name__: cls
     for cls in (
-        Bodies, Sensors, Scan, Pose, Drive, PlanningMap, Hello, Welcome, Fenced, Batch, Ack, Delta, Digest,
+        Bodies, Sensors, Scan, Pose, Drive, OccupancyGrid, Hello, Welcome, Fenced, Batch, Ack, Delta, Digest,
         CellsRequest, Mission, RobotStatus, Phase, MappingStatus, ManagerStatus, RunEnd,
     )
 }  # fmt: skip

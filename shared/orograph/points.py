@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from orograph.geometry import F32, F64
 from orograph.messages import RANGE_UNIT_M
-from orograph.points_kernel import place_points
+from orograph.points_kernels import place_points
 
 
 def points_from_ranges(

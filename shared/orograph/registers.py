@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from orograph.grid import Grid
 from orograph.layers import CellMap, Layer
-from orograph.messages import OCCUPATION_ONE, RECORD, UNKNOWN_GRADIENT, UNKNOWN_OCCUPATION, Packed
+from orograph.messages import OCCUPATION_ONE, UNKNOWN_GRADIENT, UNKNOWN_OCCUPATION, UPDATE, Packed
 
 GRADIENT_UNIT = 1e-4
 HEIGHT_UNIT_M = 1e-3
@@ -33,7 +33,7 @@ def pack(
     occupation: Layer, confidence: Layer,
 ) -> Packed:  # fmt: skip
     """Records (n,) with seq 0 from values (n,) in SI units; confidence rounds to at least 1."""
-    records = np.zeros(len(cells), RECORD)
+    records = np.zeros(len(cells), UPDATE)
     records["cell"] = cells
     records["tick"] = tick_ms
     values = np.array([height, gradient_x, gradient_y, occupation, confidence], np.float64)
@@ -48,7 +48,7 @@ def pack(
 def unpack(
     records: Packed, grid: Grid, gps_quality: Layer | None = None, communications: Layer | None = None
 ) -> CellMap:
-    """A cell map over `grid` that holds these records' values (any dtype with RECORD's value fields), NaN elsewhere."""
+    """A cell map over `grid` that holds these records' values (any dtype with UPDATE's value fields), NaN elsewhere."""
     out = CellMap.unknown(grid)
     if gps_quality is not None:
         out.gps_quality[...] = gps_quality

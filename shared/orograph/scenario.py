@@ -1,7 +1,7 @@
 """What a run is: the scenario file's vocabulary, with defaults beside fields (the scenario says *what*).
 
 Positions are metres in the map frame, angles radians in code and degrees in the file where the name says so.
-Checked with pydantic, the one exception to "words need NumPy only"; reading the file is `edge/scenario_file.py`.
+Checked with pydantic, the one exception to "words need NumPy only"; reading the file is `storage/scenario_file.py`.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, model_validator
 
+from orograph import keys
 from orograph.grid import Grid
 
 Metres = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
@@ -225,6 +226,11 @@ class Scenario(Part):
     def frame_ns(self) -> int:
         """Length of one frame."""
         return self.frame_ms * 1_000_000
+
+    @property
+    def robot_ids(self) -> tuple[str, ...]:
+        """Ids of the run's robots, robot i from the i-th start."""
+        return tuple(keys.robot_id(i + 1) for i in range(self.robots))
 
     @property
     def max_robots(self) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 import numpy as np
-from orograph.messages import RECORD, ROW_RECORD, Packed
+from orograph.messages import REGISTER, UPDATE, Packed
 from orograph.protocol.fold import FoldRules, fold
 
 CELLS = 40_000
@@ -15,7 +15,7 @@ ROUNDS = 15
 def contributions(robots: int) -> tuple[Packed, Packed]:
     """A prior (cells,) and registers (robots, cells), half of them similar enough to be averaged."""
     rng, shape = np.random.default_rng(1), (robots, CELLS)
-    prior, rows = np.zeros(CELLS, RECORD), np.zeros(shape, ROW_RECORD)
+    prior, rows = np.zeros(CELLS, UPDATE), np.zeros(shape, REGISTER)
     prior["cell"], prior["confidence"] = np.arange(CELLS), 32
     rows["height"], rows["tick"] = rng.integers(0, 2_000, shape), rng.integers(0, 300_000, shape)
     rows["gradient_x"], rows["gradient_y"] = rng.integers(-900, 900, (2, *shape))

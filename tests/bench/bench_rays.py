@@ -6,12 +6,12 @@ import time
 
 import numpy as np
 import numpy.typing as npt
-from orograph.edge.scenario_file import load_scenario
 from orograph.geometry import quaternion, rotation
 from orograph.messages import POSE, Packed
 from orograph.scenario import Scenario
 from orograph.scene import Scene, build_scene
 from orograph.sensing import Laser
+from orograph.storage.scenario_file import load_scenario
 
 SCANS = 200
 STEP_M = 1.2

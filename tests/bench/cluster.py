@@ -21,8 +21,8 @@ from chaos.cluster import Cluster, call, until
 from chaos.runner import await_end
 from chaos.watch import Line, Watch
 from orograph import keys
-from orograph.cli.run import commit, resolve, run
-from orograph.edge.scenario_file import load_scenario
+from orograph.launch.lifecycle import commit, resolve, run
+from orograph.storage.scenario_file import load_scenario
 from pydantic import ByteSize, TypeAdapter
 from rich.console import Console
 from rich.table import Table
@@ -47,7 +47,7 @@ WORKERS = 32
 def local_rtf() -> float:
     """`paper` with three robots, each service a process of its own."""
     with tempfile.TemporaryDirectory() as folder:
-        out = run(resolve(load_scenario("paper"), 3, None, None), Path(folder) / "run", capacity=1, quiet=True)
+        out = run(resolve(load_scenario("paper"), 3, None, None), Path(folder) / "run", capacity=1)
         return float(json.loads((out / "summary.json").read_text())["rtf"])
 
 

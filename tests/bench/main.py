@@ -20,8 +20,8 @@ import bench_mapping
 import bench_physics
 import bench_rays
 import goals
-from orograph.cli.run import commit, resolve, run
-from orograph.edge.scenario_file import load_scenario
+from orograph.launch.lifecycle import commit, resolve, run
+from orograph.storage.scenario_file import load_scenario
 from rich.console import Console
 
 GOALS = {
@@ -40,7 +40,7 @@ def mission_figures(capacity: int) -> dict[str, float]:
     """Real-time factor, bytes up and memory of one `paper` mission over Zenoh."""
     scenario = resolve(load_scenario("scenarios/paper"), 3, None, None)
     with tempfile.TemporaryDirectory() as folder:
-        out = run(scenario, Path(folder) / "run", capacity=capacity, quiet=True)
+        out = run(scenario, Path(folder) / "run", capacity=capacity)
         summary = json.loads((out / "summary.json").read_text())
         processes = [json.loads(p.read_text()) for p in (out / "parts").glob("process-robot-mapping-*.json")]
     up = summary["bytes_up_per_robot_s"]

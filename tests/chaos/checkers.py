@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from chaos.evidence import Evidence, latencies_s
 from orograph import keys
-from orograph.messages import RECORD
+from orograph.messages import UPDATE
 from orograph.protocol.fold import whole_prior
 from orograph.protocol.tiles import map_hash
 from orograph.scene.prior import prior_records
@@ -89,7 +89,7 @@ def copies_are_equal(e: Evidence) -> list[str]:
 def registers_are_own_evidence(e: Evidence) -> list[str]:
     """3: every register says what its robot's mapper says, whenever the last scan in it was."""
     wrong = []
-    names = [name for name in RECORD.names or () if name not in ("seq", "tick")]
+    names = [name for name in UPDATE.names or () if name not in ("seq", "tick")]
     for robot, own in ((robot, own) for robot, own in e.ledger.own.items() if robot not in e.left):
         held = e.ledger.held[e.ledger.held["robot"] == keys.robot_number(robot)]
         if len(held) != len(own) or any(not np.array_equal(held[name], own[name]) for name in names):

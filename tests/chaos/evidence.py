@@ -11,15 +11,14 @@ from typing import Any
 
 import numpy as np
 from orograph import keys
-from orograph.cli.run import commit
-from orograph.edge.store import SqliteStore
-from orograph.protocol.fold import REGISTER, FoldRules
+from orograph.judge.checks import Ledger, read_ledger
+from orograph.judge.tracks import tracks
+from orograph.launch.lifecycle import commit
+from orograph.protocol.fold import ROBOT_REGISTER, FoldRules
 from orograph.protocol.manager import ManagerSync
-from orograph.report.checks import Ledger, read_ledger
-from orograph.report.folder import read_parts
-from orograph.report.parts import RunParts
-from orograph.report.tracks import tracks
 from orograph.scene.prior import prior_records
+from orograph.storage.parts import RunParts, read_parts
+from orograph.storage.sqlite_store import SqliteStore
 
 Line = dict[str, Any]
 
@@ -42,8 +41,8 @@ class Evidence:
     ledger: Ledger
     lines: Sequence[Line]
     actions: Sequence[Action] = ()
-    stored: np.ndarray = field(default_factory=lambda: np.zeros(0, REGISTER))
-    """What the manager's database holds (REGISTER)."""
+    stored: np.ndarray = field(default_factory=lambda: np.zeros(0, ROBOT_REGISTER))
+    """What the manager's database holds (ROBOT_REGISTER)."""
     recovered: tuple[bytes, bytes] = (b"", b"")
     """Hash of the map after recovering the database, and after recovering it once more."""
     restarted: dict[str, int] = field(default_factory=dict)

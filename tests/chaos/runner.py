@@ -24,9 +24,9 @@ from chaos.experiments import EXPERIMENTS, SMALL_DISK, Experiment, chosen
 from chaos.nemeses import Mission
 from chaos.watch import Watch
 from orograph import keys
-from orograph.cli.run import commit
+from orograph.judge.checks import lost_cells
+from orograph.launch.lifecycle import commit
 from orograph.protocol.tiles import map_hash
-from orograph.report.checks import lost_cells
 
 SEED = 1
 END_WITHIN_S = 240.0

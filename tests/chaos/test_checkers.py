@@ -14,9 +14,9 @@ from chaos.cluster import call
 from chaos.evidence import Action, Evidence, read, settled_s
 from chaos.experiments import EXPERIMENTS, chosen
 from chaos.runner import SEED, _carry_out_all, measure, summary, table
-from orograph.cli.run import run
-from orograph.edge.scenario_file import load_scenario
 from orograph.keys import robot_id
+from orograph.launch.lifecycle import run
+from orograph.storage.scenario_file import load_scenario
 
 Line = dict[str, Any]
 ROBOT = "robot_001"
@@ -44,7 +44,7 @@ def digest(epoch: int, version: int, text: str) -> Line:
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory: pytest.TempPathFactory) -> Evidence:
     scenario = load_scenario("scenarios/tiny")
-    out = run(scenario, tmp_path_factory.mktemp("chaos") / "run", in_process=True, quiet=True)
+    out = run(scenario, tmp_path_factory.mktemp("chaos") / "run", in_process=True)
     return read(out, [], [])
 
 

@@ -15,8 +15,8 @@ import time
 from typing import Any
 
 from orograph import keys
-from orograph.edge import wire
-from orograph.edge.session import client
+from orograph.comms import wire
+from orograph.comms.session import client
 from orograph.messages import Ack, Batch, Delta, Digest, Fenced, Message, Welcome
 
 SIM, RADIO = "tcp/router-sim:7447", "tcp/router-radio:7447"

@@ -3,11 +3,11 @@
 import json
 
 import pytest
-from orograph.cli.run import run
-from orograph.edge.scenario_file import load_scenario
+from orograph.launch.lifecycle import run
+from orograph.storage.scenario_file import load_scenario
 
 
 @pytest.fixture(scope="session", autouse=True)
 def in_process(tmp_path_factory: pytest.TempPathFactory) -> dict:
-    out = run(load_scenario("scenarios/tiny"), tmp_path_factory.mktemp("first") / "run", in_process=True, quiet=True)
+    out = run(load_scenario("scenarios/tiny"), tmp_path_factory.mktemp("first") / "run", in_process=True)
     return json.loads((out / "summary.json").read_text())

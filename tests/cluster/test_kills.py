@@ -7,11 +7,12 @@ import time
 from pathlib import Path
 
 import pytest
-from orograph.cli.errors import RunError
-from orograph.cli.launch import Figures, run_processes
-from orograph.cli.run import finish, prepare_out
-from orograph.cli.supervisor import Child, Supervisor
-from orograph.edge.scenario_file import load_scenario
+from orograph.errors import RunError
+from orograph.launch.lifecycle import finish, prepare_out
+from orograph.launch.processes import run_processes
+from orograph.launch.progress import Figures
+from orograph.launch.supervisor import Child, Supervisor
+from orograph.storage.scenario_file import load_scenario
 
 pytestmark = pytest.mark.cluster
 TINY = load_scenario("scenarios/tiny")

@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 
 import pytest
-from orograph.cli.run import resolve, run
-from orograph.edge.scenario_file import load_scenario
+from orograph.launch.lifecycle import resolve, run
+from orograph.storage.scenario_file import load_scenario
 
 pytestmark = pytest.mark.cluster
 TINY = load_scenario("scenarios/tiny")
@@ -22,15 +22,15 @@ def test_a_mission_ends_with_one_map_and_nothing_lost(in_process: dict) -> None:
 
 
 def test_the_same_seed_gives_the_same_map_again_and_another_seed_does_not(in_process: dict, tmp_path: Path) -> None:
-    again = _summary(run(TINY, tmp_path / "again", in_process=True, quiet=True))
+    again = _summary(run(TINY, tmp_path / "again", in_process=True))
     assert again["glrm_hash"] == in_process["glrm_hash"]
-    other = _summary(run(resolve(TINY, None, TINY.seed + 1, None), tmp_path / "other", in_process=True, quiet=True))
+    other = _summary(run(resolve(TINY, None, TINY.seed + 1, None), tmp_path / "other", in_process=True))
     assert other["glrm_hash"] != in_process["glrm_hash"]
 
 
 @pytest.mark.parametrize("capacity", [1, 3])
 def test_processes_over_zenoh_give_the_same_map(in_process: dict, tmp_path: Path, capacity: int) -> None:
-    summary = _summary(run(TINY, tmp_path / "run", capacity=capacity, quiet=True))
+    summary = _summary(run(TINY, tmp_path / "run", capacity=capacity))
     assert summary["deterministic"] and summary["complete"]
     assert summary["glrm_hash"] == in_process["glrm_hash"]
     assert summary["copies_hash_equal"] and summary["cells_lost"] == 0

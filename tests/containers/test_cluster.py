@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from containers.conftest import Cluster, call, until
 from orograph import keys
-from orograph.cli.run import resolve, run
-from orograph.edge.scenario_file import load_scenario
+from orograph.launch.lifecycle import resolve, run
+from orograph.storage.scenario_file import load_scenario
 
 pytestmark = [pytest.mark.containers, pytest.mark.timeout(600)]
 PROCESS = (
@@ -38,9 +38,7 @@ def test_three_robots_are_healthy_in_half_a_minute_and_make_the_local_map(
         codes = [until(lambda c=c: (cluster.exit_code(c),), service) for c in cluster.containers(service)]
         assert set(codes) == {(0,)}, service
     found = _summary(cluster.fetch(tmp_path / "fetched"))
-    local = _summary(
-        run(resolve(load_scenario("tiny"), 3, None, None), tmp_path / "local", in_process=True, quiet=True)
-    )
+    local = _summary(run(resolve(load_scenario("tiny"), 3, None, None), tmp_path / "local", in_process=True))
     assert found["complete"] and found["deterministic"] and found["copies_hash_equal"] and found["cells_lost"] == 0
     assert found["glrm_hash"] == local["glrm_hash"]
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from containers.conftest import COMPOSE, ROOT, call
 from orograph import keys
-from orograph.edge.settings import VARIABLES
+from orograph.runtime.settings import VARIABLES
 
 pytestmark = pytest.mark.containers
 Config = dict[str, Any]

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 from containers.conftest import ROOT, Cluster, call, clusters, until
 from orograph import keys
-from orograph.cli.launch import free_port
-from orograph.cli.run import resolve, run
-from orograph.edge.scenario_file import load_scenario
+from orograph.launch.lifecycle import resolve, run
+from orograph.launch.processes import free_port
+from orograph.storage.scenario_file import load_scenario
 
 pytestmark = [pytest.mark.containers, pytest.mark.timeout(600)]
 FAR = tuple(f"{service}-far" for service in keys.ROBOT_SERVICES)
@@ -103,7 +103,7 @@ def test_robots_on_two_hosts_make_the_map_of_one_process(two_hosts: Callable[[st
     there = set().union(*(cluster.networks(service) for service in FAR))
     assert here == {"sim", "radio"} and there == {"far-sim", "far-radio"}
     found = summary(cluster, tmp_path / "fetched")
-    local = run(resolve(load_scenario("tiny"), 2, None, None), tmp_path / "local", in_process=True, quiet=True)
+    local = run(resolve(load_scenario("tiny"), 2, None, None), tmp_path / "local", in_process=True)
     assert found["complete"] and found["deterministic"] and found["copies_hash_equal"] and found["cells_lost"] == 0
     assert found["glrm_hash"] == json.loads((local / "summary.json").read_text())["glrm_hash"]
 

@@ -15,10 +15,10 @@ import pytest
 import yaml
 from containers.prometheus_tools import OPS, Prometheus, promtool, questions, running
 from orograph import keys
-from orograph.cli import launch
-from orograph.cli.run import prepare_out, resolve
-from orograph.cli.supervisor import Child, Supervisor
-from orograph.edge.scenario_file import load_scenario
+from orograph.launch import processes as launch
+from orograph.launch.lifecycle import prepare_out, resolve
+from orograph.launch.supervisor import Child, Supervisor
+from orograph.storage.scenario_file import load_scenario
 
 pytestmark = pytest.mark.containers
 DEADLINE_S = 50.0

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 from orograph import keys
-from orograph.edge.bus import Bus
-from orograph.edge.clock import Clock
-from orograph.edge.host import NodeHost
-from orograph.edge.participant import Participant, Ticks
-from orograph.edge.recording import Recording
+from orograph.comms.bus import Bus
 from orograph.messages import Drive, Envelope, Frame
+from orograph.runtime.clock import Clock
+from orograph.runtime.host import NodeHost
+from orograph.runtime.participant import Participant, Ticks
 from orograph.scenario import Scenario
+from orograph.storage.recording import Recording
 
 FRAMES = 40
 SCENARIO = Scenario.model_validate(
@@ -88,13 +88,13 @@ def sent_by(chatter: Chatter, k: int, inbox: list[Envelope]) -> list[Envelope]:
     return sent
 
 
-def participate(endpoint: str, node: Chatter, guard: Stop, out: Path) -> threading.Thread:
+def participate(endpoint: str, node: Chatter, watchdog: Stop, out: Path) -> threading.Thread:
     def run() -> None:
         process = node.name.replace("/", "-")
-        with Recording(out, process) as recording, Bus.open(endpoint, None, guard.stop) as bus:
+        with Recording(out, process) as recording, Bus.open(endpoint, None, watchdog.stop) as bus:
             host = NodeHost(bus, [node], SCENARIO, recording)
             with bus.token("any", node.name.replace("/", "-"), ()):
-                Participant(bus, host, node.name.replace("/", "-"), SCENARIO, guard, Ticks(bus)).run()
+                Participant(bus, host, node.name.replace("/", "-"), SCENARIO, watchdog, Ticks(bus)).run()
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
@@ -102,21 +102,21 @@ def participate(endpoint: str, node: Chatter, guard: Stop, out: Path) -> threadi
 
 
 def make_clock(
-    bus: Bus, world: Chatter, guard: Stop, recording: Recording, wanted: Sequence[str], frames: int = FRAMES
+    bus: Bus, world: Chatter, watchdog: Stop, recording: Recording, wanted: Sequence[str], frames: int = FRAMES
 ) -> Clock:  # fmt: skip
     host = NodeHost(bus, [world], SCENARIO, recording)
     muster = lambda nodes: set(wanted) - nodes  # noqa: E731
     return Clock(
-        bus, host, SCENARIO, guard, ended=lambda: world.frames >= frames, down=lambda: (), muster=muster
+        bus, host, SCENARIO, watchdog, ended=lambda: world.frames >= frames, down=lambda: (), muster=muster
     )  # fmt: skip
 
 
 def assert_steps_as_one_process(where: Mapping[str, str], out: Path) -> None:
     """All of NAMES in lockstep, each on a bus to its endpoint, come to what they come to in one process."""
-    guard, chatters = Stop(), make_chatters()
-    threads = [participate(where[n], chatters[n], guard, out) for n in NAMES[1:]]
-    with Recording(out, "world") as recording, Bus.open(where[keys.WORLD], None, guard.stop) as bus:
-        clock = make_clock(bus, chatters[keys.WORLD], guard, recording, NAMES[1:])
+    watchdog, chatters = Stop(), make_chatters()
+    threads = [participate(where[n], chatters[n], watchdog, out) for n in NAMES[1:]]
+    with Recording(out, "world") as recording, Bus.open(where[keys.WORLD], None, watchdog.stop) as bus:
+        clock = make_clock(bus, chatters[keys.WORLD], watchdog, recording, NAMES[1:])
         clock.await_start()
         clock.run()
     for thread in threads:

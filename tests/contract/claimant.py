@@ -6,8 +6,8 @@ import threading
 from typing import Any
 
 from orograph import keys
-from orograph.edge import wire
-from orograph.edge.bus import Bus
+from orograph.comms import wire
+from orograph.comms.bus import Bus
 
 FOR_EVER = threading.Event()
 

@@ -7,8 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from contract import claimant
 from orograph import keys
-from orograph.edge import claims
-from orograph.edge.bus import Bus
+from orograph.comms.bus import Bus
+from orograph.runtime import claims
 from polling import until
 
 ROBOTS = tuple(keys.robot_id(i + 1) for i in range(5))

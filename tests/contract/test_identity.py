@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from contract import claimant
 from orograph import keys
-from orograph.edge.bus import Bus
-from orograph.edge.claims import Claims
+from orograph.comms.bus import Bus
+from orograph.runtime.claims import Claims
 from polling import until
 
 pytestmark = [pytest.mark.cluster, pytest.mark.timeout(600)]

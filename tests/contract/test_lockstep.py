@@ -16,11 +16,11 @@ from contract.chatter import (
     participate,
 )  # fmt: skip
 from orograph import keys
-from orograph.edge.bus import Bus
-from orograph.edge.clock import Clock
-from orograph.edge.host import NodeHost
-from orograph.edge.recording import Recording
+from orograph.comms.bus import Bus
 from orograph.messages import Envelope, Frame, RunEnd
+from orograph.runtime.clock import Clock
+from orograph.runtime.host import NodeHost
+from orograph.storage.recording import Recording
 
 
 def test_processes_over_zenoh_step_as_one_process_does(endpoint: str, tmp_path: Path) -> None:
@@ -28,11 +28,11 @@ def test_processes_over_zenoh_step_as_one_process_does(endpoint: str, tmp_path: 
 
 
 def test_who_leaves_is_not_waited_for_and_may_come_back(endpoint: str, tmp_path: Path) -> None:
-    guard, leaver, chatters = Stop(), Stop(), make_chatters()
-    stays = participate(endpoint, chatters[keys.MANAGER], guard, tmp_path)
+    watchdog, leaver, chatters = Stop(), Stop(), make_chatters()
+    stays = participate(endpoint, chatters[keys.MANAGER], watchdog, tmp_path)
     leaves = participate(endpoint, chatters[keys.ORCHESTRATOR], leaver, tmp_path)
-    with Recording(tmp_path, "world") as recording, Bus.open(endpoint, None, guard.stop) as bus:
-        clock = make_clock(bus, chatters[keys.WORLD], guard, recording, NAMES[1:3], frames=10_000_000)
+    with Recording(tmp_path, "world") as recording, Bus.open(endpoint, None, watchdog.stop) as bus:
+        clock = make_clock(bus, chatters[keys.WORLD], watchdog, recording, NAMES[1:3], frames=10_000_000)
         clock.await_start()
         ticking = threading.Thread(target=clock.run, daemon=True)
         ticking.start()
@@ -43,10 +43,10 @@ def test_who_leaves_is_not_waited_for_and_may_come_back(endpoint: str, tmp_path:
         await_progress(chatters[keys.MANAGER])
         back = Chatter(keys.ORCHESTRATOR, [keys.WORLD])
         assert ticking.is_alive()
-        again = participate(endpoint, back, guard, tmp_path)
+        again = participate(endpoint, back, watchdog, tmp_path)
         assert back.stepped.wait(10)
         await_progress(chatters[keys.MANAGER])
-        guard.stop.set()
+        watchdog.stop.set()
         ticking.join(20)
     for thread in (stays, again):
         thread.join(10)
@@ -67,13 +67,13 @@ def test_the_end_reaches_the_world_as_a_message(endpoint: str, tmp_path: Path) -
             self.frames += 1
             self.ended = next((e.message for e in inbox if isinstance(e.message, RunEnd)), None)
 
-    guard, world, ender = Stop(), World(keys.WORLD, []), Ender(keys.ORCHESTRATOR, [])
-    thread = participate(endpoint, ender, guard, tmp_path)
-    with Recording(tmp_path, "world") as recording, Bus.open(endpoint, None, guard.stop) as bus:
+    watchdog, world, ender = Stop(), World(keys.WORLD, []), Ender(keys.ORCHESTRATOR, [])
+    thread = participate(endpoint, ender, watchdog, tmp_path)
+    with Recording(tmp_path, "world") as recording, Bus.open(endpoint, None, watchdog.stop) as bus:
         host = NodeHost(bus, [world], SCENARIO, recording)
         muster = lambda nodes: {keys.ORCHESTRATOR} - nodes  # noqa: E731
         clock = Clock(
-            bus, host, SCENARIO, guard, ended=lambda: world.ended is not None, down=lambda: (), muster=muster
+            bus, host, SCENARIO, watchdog, ended=lambda: world.ended is not None, down=lambda: (), muster=muster
         )  # fmt: skip
         clock.await_start()
         clock.run()

@@ -13,9 +13,9 @@ from contract.chatter import Stop, assert_steps_as_one_process, await_progress, 
 from contract.conftest import free_endpoint
 from contract.link import Link
 from orograph import keys
-from orograph.edge.bus import Bus
-from orograph.edge.claims import Claims
-from orograph.edge.recording import Recording
+from orograph.comms.bus import Bus
+from orograph.runtime.claims import Claims
+from orograph.storage.recording import Recording
 from polling import until
 
 STOP = threading.Event()
@@ -116,11 +116,11 @@ def test_a_cut_link_is_seen_on_both_sides_and_heals(hosts: Hosts, cut: Callable[
 def test_the_clock_goes_on_while_the_far_host_is_away_and_with_it_afterwards(
     hosts: Hosts, cut: Callable[[Link], None], tmp_path: Path
 ) -> None:
-    guard, chatters = Stop(), make_chatters()
+    watchdog, chatters = Stop(), make_chatters()
     near, far = chatters[keys.MANAGER], chatters[FAR]
-    threads = [participate(hosts.base, near, guard, tmp_path), participate(hosts.far, far, guard, tmp_path)]
-    with Recording(tmp_path, "world") as recording, Bus.open(hosts.base, None, guard.stop) as bus:
-        clock = make_clock(bus, chatters[keys.WORLD], guard, recording, [keys.MANAGER, FAR], frames=10_000_000)
+    threads = [participate(hosts.base, near, watchdog, tmp_path), participate(hosts.far, far, watchdog, tmp_path)]
+    with Recording(tmp_path, "world") as recording, Bus.open(hosts.base, None, watchdog.stop) as bus:
+        clock = make_clock(bus, chatters[keys.WORLD], watchdog, recording, [keys.MANAGER, FAR], frames=10_000_000)
         tokens = Tokens(bus)
         clock.await_start()
         ticking = threading.Thread(target=clock.run, daemon=True)
@@ -134,7 +134,7 @@ def test_the_clock_goes_on_while_the_far_host_is_away_and_with_it_afterwards(
         hosts.link.heal()
         await_progress(far)
         await_progress(near)
-        guard.stop.set()
+        watchdog.stop.set()
         ticking.join(20)
         assert not ticking.is_alive()
     for thread in threads:

@@ -10,16 +10,16 @@ import numpy as np
 from orograph import keys
 from orograph.grid import Grid
 from orograph.layers import MAPPED_LAYERS, CellMap
-from orograph.messages import POSE, ROW_RECORD
-from orograph.protocol.fold import REGISTER, FoldRules, fold_registers, whole_prior
+from orograph.messages import POSE, REGISTER
+from orograph.protocol.fold import ROBOT_REGISTER, FoldRules, fold_registers, whole_prior
 from orograph.registers import pack, unpack
-from orograph.report.parts import RunParts
 from orograph.scenario import Scenario
 from orograph.scene import Scene, build_scene
 from orograph.scene.prior import prior_records
 from orograph.sensing import Laser
 from orograph.sensing.truth import top_surface
 from orograph.stages import STAGES
+from orograph.storage.parts import RunParts
 
 LENGTH_S = 60
 
@@ -80,7 +80,7 @@ def registers_of(cells: CellMap, tick_ms: int) -> np.ndarray[Any, Any]:
     """A map's cells as one robot's registers of epoch 1."""
     known = np.flatnonzero(cells.known)
     records = pack(known, tick_ms, *(getattr(cells, name).reshape(-1)[known] for name in MAPPED_LAYERS))
-    rows = np.zeros(len(records), ROW_RECORD)
+    rows = np.zeros(len(records), REGISTER)
     for name in records.dtype.names or ():
         rows[name] = records[name]
     rows["epoch"], rows["seq"] = 1, 1 + np.arange(len(rows))
@@ -161,8 +161,8 @@ def made_up(scenario: Scenario) -> RunParts:
     mapping = {keys.node(keys.MAPPING, r): mapping_artifacts(scenario, scene, i) for i, r in enumerate(robots)}
     held = []
     for number, arrays in enumerate(mapping.values(), 1):
-        register = np.zeros(len(arrays["registers"]), REGISTER)
-        for name in ROW_RECORD.names or ():
+        register = np.zeros(len(arrays["registers"]), ROBOT_REGISTER)
+        for name in REGISTER.names or ():
             register[name] = arrays["registers"][name]
         register["robot"] = number
         held.append(register)

@@ -90,7 +90,7 @@ def cell_of(record: np.void) -> dict[str, Any]:
 
 
 def fold_cell(prior: np.void, registers: Sequence[np.void], rules: Any = DefaultRules) -> tuple[int, ...]:
-    """(height, gradient_x, gradient_y, occupation, confidence) of one cell from its registers (REGISTER)."""
+    """(height, gradient_x, gradient_y, occupation, confidence) of one cell from its registers (ROBOT_REGISTER)."""
     cell = cell_of(prior)
     contributions = [r for r in registers if r["confidence"] > 0]
     newest = max((int(r["tick"]) for r in contributions), default=0)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 from oracles.fold_oracle import fold_cell
-from orograph.messages import RECORD
+from orograph.messages import UPDATE
 from orograph.protocol.fold import VALUES
 from simnet.history import Commit, History
 
@@ -61,7 +61,7 @@ def registers_are_own_evidence(history: History) -> list[str]:
     wrong = []
     for robot, own in history.own.items():
         held = history.registers[history.registers["robot"] == robot]
-        names = [name for name in RECORD.names or () if name != "seq"]
+        names = [name for name in UPDATE.names or () if name != "seq"]
         same = len(held) == len(own) and all(np.array_equal(held[name], own[name]) for name in names)
         if not same:
             wrong.append(f"3: robot {robot}'s registers ({len(held)}) are not its own evidence ({len(own)})")

@@ -19,7 +19,7 @@ class Acked:
 
 @dataclass
 class Commit:
-    """What the store holds after a commit (REGISTER), the map that this folds to (CELL), and its version."""
+    """What the store holds after a commit (ROBOT_REGISTER), the map that this folds to (CELL), and its version."""
 
     version: int
     registers: np.ndarray
@@ -74,8 +74,8 @@ class History:
     glrm: np.ndarray | None = None
     """The manager's map at the end (CELL)."""
     registers: np.ndarray | None = None
-    """The manager's, at the end (REGISTER)."""
+    """The manager's, at the end (ROBOT_REGISTER)."""
     own: dict[int, np.ndarray] = field(default_factory=dict)
-    """Robot number -> its mapper's last evidence (RECORD, one per cell that has any)."""
+    """Robot number -> its mapper's last evidence (UPDATE, one per cell that has any)."""
     fault_free_hash: bytes | None = None
     """None where a robot lost its memory, so that the same map is not promised."""

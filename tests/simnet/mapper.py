@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from orograph.messages import RECORD
+from orograph.messages import UPDATE
 from orograph.protocol.fold import same_values
 
 
 class Mapper:
-    """Cumulative evidence (cells,) of RECORD and what the manager is known to hold."""
+    """Cumulative evidence (cells,) of UPDATE and what the manager is known to hold."""
 
     def __init__(self, size: int) -> None:
-        self.evidence = np.zeros(size, RECORD)
+        self.evidence = np.zeros(size, UPDATE)
         self.evidence["cell"] = np.arange(size)
         self._baseline = self.evidence.copy()
 
@@ -34,7 +34,7 @@ class Mapper:
         """Take the robot's own row: where nothing is known here, or fused with it when it is of an earlier life."""
         for held in row:
             cell = int(held["cell"])
-            for name in RECORD.names:
+            for name in UPDATE.names:
                 self._baseline[name][cell] = held[name]
             mine = self.evidence[cell]
             if mine["confidence"] == 0:

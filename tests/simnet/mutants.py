@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from orograph.messages import RECORD, ROW_RECORD, Batch, Delta, Welcome
+from orograph.messages import REGISTER, UPDATE, Batch, Delta, Welcome
 from orograph.protocol.copy import GlrmCopy
 from orograph.protocol.manager import ManagerSync, _Intake
 from orograph.protocol.robot import RobotSync, SyncResult
@@ -86,7 +86,7 @@ class EpochsInMemoryOnly(ManagerSync):
 
 class WelcomeWithoutTheRow(ManagerSync):
     def _answer(self, intake, send):
-        row, self._ledger.row = self._ledger.row, lambda robot: np.zeros(0, ROW_RECORD)
+        row, self._ledger.row = self._ledger.row, lambda robot: np.zeros(0, REGISTER)
         super()._answer(intake, send)
         self._ledger.row = row
 
@@ -233,7 +233,7 @@ class SentIsAcked(RobotSync):
     """Clears cells when they are sent: at most once."""
 
     def step(self, now_ns, inbox, send):
-        sent = [np.zeros(0, RECORD)]
+        sent = [np.zeros(0, UPDATE)]
 
         def keep(message):
             send(message)
@@ -249,7 +249,7 @@ class SentIsAcked(RobotSync):
 class AckClearsWhateverSeq(RobotSync):
     def _take_ack(self, ack, now_ns):
         if not self._joining.hear_ack_of(ack.epoch, now_ns):
-            return np.zeros(0, RECORD)
+            return np.zeros(0, UPDATE)
         return self._outbox.acknowledge(ack.acked["cell"], self._outbox.own["seq"][ack.acked["cell"]])
 
 
@@ -260,7 +260,7 @@ class EchoesTheMap(RobotSync):
         result = super().step(now_ns, inbox, send)
         for message in inbox:
             if isinstance(message, Delta) and len(message.cells):
-                told = np.zeros(len(message.cells), RECORD)
+                told = np.zeros(len(message.cells), UPDATE)
                 for name in ("cell", "height", "gradient_x", "gradient_y", "occupation", "confidence"):
                     told[name] = message.cells[name]
                 told["tick"] = now_ns // 1_000_000

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from unittest import mock
 
 import numpy as np
-from orograph.messages import RECORD, Ack, Batch, Delta, Fenced
+from orograph.messages import UPDATE, Ack, Batch, Delta, Fenced
 from orograph.protocol import downlink, outbox
 from orograph.protocol.downlink import SendTo
-from orograph.protocol.fold import REGISTER, FoldRules, fold_registers
+from orograph.protocol.fold import ROBOT_REGISTER, FoldRules, fold_registers
 from orograph.protocol.manager import ManagerSync
 from orograph.protocol.robot import RobotSync
 from orograph.protocol.store import Changes, MemoryStore, StoreFailed
@@ -33,7 +33,7 @@ RULES = FoldRules()
 
 
 def make_prior() -> np.ndarray:
-    prior = np.zeros(SIZE, RECORD)
+    prior = np.zeros(SIZE, UPDATE)
     prior["cell"] = np.arange(SIZE)
     prior["confidence"], prior["height"], prior["occupation"] = 4, 10 * np.arange(SIZE), 20
     return prior
@@ -78,12 +78,12 @@ class RecordedStore(MemoryStore):
         parts = []
         for robot in sorted(held.registers):
             rows = held.registers[robot]
-            part = np.zeros(len(rows), REGISTER)
+            part = np.zeros(len(rows), ROBOT_REGISTER)
             part["robot"] = robot
             for name in rows.dtype.names:
                 part[name] = rows[name]
             parts.append(part)
-        registers = np.concatenate(parts) if parts else np.zeros(0, REGISTER)
+        registers = np.concatenate(parts) if parts else np.zeros(0, ROBOT_REGISTER)
         return Commit(held.version, registers, fold_registers(PRIOR, registers, RULES))
 
 
@@ -204,7 +204,7 @@ class Storm:
         """One batch of a known robot's present epoch with something wrong in it: it must be counted and do nothing."""
         manager, robot = self._manager, self._robots[0]
         assert manager is not None
-        records = np.zeros(2, RECORD)
+        records = np.zeros(2, UPDATE)
         records["cell"], records["confidence"], records["height"] = (0, 1), 200, 99_000
         records["seq"], records["tick"] = 1_000_000, frame * FRAME_MS
         spoiled = {"cell": SIZE, "confidence": 0, "tick": 2**32 - 1, "height": 2**31 - 1, "seq": 0}

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from orograph.keys import NAVIGATOR, ORCHESTRATOR, RADIO, SIM, WORLD, node
-from orograph.messages import Drive, Envelope, Frame, Mission, PlanningMap, Sensors
+from orograph.messages import Drive, Envelope, Frame, Mission, OccupancyGrid, Sensors
 from orograph.nodes.navigator import NavigatorNode
 from orograph.randomness import stream
 from orograph.scenario import Scenario
@@ -154,11 +154,11 @@ class UnicycleWorld:
         if k == 2 or (k > 2 and k % 20 == 2):
             occupation = np.zeros((20, 20), np.uint8)
             self._paint(occupation, self.buildings, 0.0, 0.0, 5.0)
-            self._inbox.append(self._envelope(SIM, "m", PlanningMap(k * FRAME_NS, 0.0, 0.0, 5.0, True, occupation)))
+            self._inbox.append(self._envelope(SIM, "m", OccupancyGrid(k * FRAME_NS, 0.0, 0.0, 5.0, True, occupation)))
         if k % 4 == 0 and t < self.maps_until_s:
             self._late[k + 2] = [self._envelope(SIM, "m", self._local_map(k, t))]
 
-    def _local_map(self, k: int, t: float) -> PlanningMap:
+    def _local_map(self, k: int, t: float) -> OccupancyGrid:
         """80 m x 80 m; surprises within 25 m only; a mover's trace stays for 6 s unless the robot is within 3 m."""
         x0, y0 = math.floor(self.x / 5) * 5 - 40.0, math.floor(self.y / 5) * 5 - 40.0
         mover = self.mover(t)
@@ -168,7 +168,7 @@ class UnicycleWorld:
         near = [b for b in self.surprises if self._away(b) < 25]
         occupation = (stream(self.seed, "map", frame=k).random((160, 160)) < self.map_noise).astype(np.uint8) * 254
         self._paint(occupation, [*self.buildings, *near, *(b for _, b in self._remembered)], x0, y0, 0.5)
-        return PlanningMap(k * FRAME_NS, x0, y0, 0.5, False, occupation)
+        return OccupancyGrid(k * FRAME_NS, x0, y0, 0.5, False, occupation)
 
     def _away(self, box: Box) -> float:
         x0, y0, x1, y1 = box

@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 import yaml
-from orograph.edge import metrics
-from orograph.edge.metric_names import PROCESS, TELEMETRY
+from orograph.runtime import metrics
+from orograph.runtime.metric_names import PROCESS, TELEMETRY
 
 OPS = Path(__file__).parents[2] / "ops"
 FILES = sorted((OPS / "grafana/dashboards").glob("*.json"))

@@ -12,7 +12,7 @@ import kubernetes_validate
 import pytest
 import yaml
 from orograph import keys
-from orograph.edge.settings import VARIABLES
+from orograph.runtime.settings import VARIABLES
 
 FOLDER = Path("ops/kubernetes")
 RENDER = runpy.run_path(str(FOLDER / "render.py"))

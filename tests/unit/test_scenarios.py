@@ -2,11 +2,11 @@
 
 import pytest
 import shapely
-from orograph.edge.scenario_file import load_scenario
 from orograph.mission.distances import UNREACHABLE_M, DrivingDistances
 from orograph.registers import unpack
 from orograph.scenario import Scenario
 from orograph.scene.prior import given_layers, prior_records
+from orograph.storage.scenario_file import load_scenario
 
 NAMES = ("helsinki", "paper", "tiny")
 

@@ -14,13 +14,13 @@ import shapely
 import yaml
 from rich.console import Console
 
-from orograph.cli.errors import InputError
+from orograph.errors import InputError
+from orograph.importers.district import Polygons, clear_of, footprints, street_points, to_metres
+from orograph.importers.spread import reachable_together, spread
 from orograph.layers import Layer
 from orograph.mission.distances import DrivingDistances
-from orograph.mission.spread import reachable_together, spread
 from orograph.registers import unpack
 from orograph.scenario import Scenario
-from orograph.scene.district import Polygons, clear_of, footprints, street_points, to_metres
 from orograph.scene.prior import prior_records
 
 CELL_M = 5.0
@@ -53,7 +53,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def main(args: argparse.Namespace) -> int:
     """Read, choose, write, and say whose map it is; raises InputError for what can't be imported."""
-    from orograph.edge.osm import ExtractError, read_extract
+    from orograph.importers.osm import ExtractError, read_extract
 
     bbox = parse_bbox(args.bbox)
     if args.out.exists() and (not args.out.is_dir() or any(args.out.iterdir())):

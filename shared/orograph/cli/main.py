@@ -8,8 +8,8 @@ import sys
 from collections.abc import Sequence
 
 from orograph.cli import doctor, import_osm, report, run, status, study
-from orograph.cli.errors import InputError, RunError
-from orograph.edge.scenario_file import ScenarioError
+from orograph.errors import InputError, RunError
+from orograph.storage.scenario_file import ScenarioError
 
 
 def parser() -> argparse.ArgumentParser:

@@ -10,12 +10,11 @@ from rich.table import Table
 from rich.text import Text
 
 from orograph import keys
-from orograph.nodes.fleet import robots_of
+from orograph.launch.progress import Figures
 from orograph.scenario import Scenario
 
 LINE_EVERY_S = 5.0
 """Where there is no terminal, one line this often."""
-Figures = dict[str, dict[str, float]]
 
 
 class Progress:
@@ -70,7 +69,7 @@ class Progress:
 
     def _robots(self, figures: Figures) -> Table:
         table = Table("robot", "radio", "driven", "pose sigma", "scans", "waiting cells", "map version", box=None)
-        for robot in robots_of(self._scenario):
+        for robot in self._scenario.robot_ids:
             mapping = figures.get(keys.node(keys.MAPPING, robot), {})
             navigator = figures.get(keys.node(keys.NAVIGATOR, robot), {})
             table.add_row(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from orograph.cli.errors import InputError
+from orograph.errors import InputError
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -20,7 +20,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def main(args: argparse.Namespace) -> int:
     """Compose the folder anew and say where the report is; raises InputError for a folder without a run."""
-    from orograph.report.folder import REPORT, FolderError, compose  # heavy: only once there is something to do
+    from orograph.report.folder import compose  # heavy: only once there is something to do
+    from orograph.storage.parts import REPORT, FolderError
 
     try:
         compose(args.folder)

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import subprocess
-import time
-from contextlib import nullcontext
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
 
-from pydantic import ValidationError
-
-from orograph.cli.errors import InputError, RunError
 from orograph.cli.progress import Progress
-from orograph.edge.scenario_file import load_scenario
+from orograph.launch.lifecycle import resolve, run
+from orograph.launch.progress import OnProgress, unseen
 from orograph.scenario import Scenario
+from orograph.storage.scenario_file import load_scenario
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -46,7 +42,9 @@ def main(args: argparse.Namespace) -> int:
     """Run and say where the report is."""
     scenario = resolve(load_scenario(args.scenario), args.robots, args.seed, args.time_scale)
     ports = (args.sim_port, args.radio_port)
-    out = run(scenario, args.out, in_process=args.in_process, capacity=args.capacity, ports=ports, quiet=args.quiet)
+    with shown(scenario, args.quiet) as on_progress:
+        out = run(scenario, args.out, in_process=args.in_process, capacity=args.capacity, ports=ports,
+                  on_progress=on_progress)  # fmt: skip
     summary = json.loads((out / "summary.json").read_text())
     copies = "all copies equal" if summary["copies_hash_equal"] else "COPIES DIFFER"
     print(f"map {summary['glrm_hash']} · {copies} · {summary['sim_time_s']:.0f} s of simulation "
@@ -54,95 +52,11 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def resolve(scenario: Scenario, robots: int | None, seed: int | None, time_scale: str | None) -> Scenario:
-    """The scenario with the command line's wishes in it; raises InputError for what it can't be."""
-    changes: dict[str, object] = {}
-    if robots is not None:
-        if not 1 <= robots <= scenario.max_robots:
-            raise InputError(f"--robots {robots}: {scenario.name} has starts for 1 to {scenario.max_robots} robots")
-        changes["robots"] = robots
-    if seed is not None:
-        changes["seed"] = seed
-    if time_scale is not None:
-        changes["time_scale"] = _scale(time_scale)
-    try:
-        return Scenario.model_validate({**scenario.model_dump(), **changes})
-    except ValidationError as error:
-        raise InputError("; ".join(f"--{e['loc'][0]}: {e['msg']}" for e in error.errors())) from None
-
-
-def _scale(text: str) -> Literal["max"] | float:
-    if text == "max":
-        return "max"
-    try:
-        return float(text)
-    except ValueError:
-        raise InputError(f"--time-scale {text}: expected max or a number such as 1.0") from None
-
-
-def run(
-    scenario: Scenario, out: Path | None, *, in_process: bool = False, capacity: int = 0,
-    ports: tuple[int, int] = (0, 0), quiet: bool = False,
-) -> Path:  # fmt: skip
-    """Run a resolved scenario to a finished run folder and return it; raises InputError, RunError."""
-    out = prepare_out(out, scenario)
-    begin_s = time.time()
-    with nullcontext() if quiet else Progress(scenario) as progress:
-        on_progress = progress.show if progress is not None else lambda figures, restarts: None
-        if in_process:
-            from orograph.cli.in_process import run_in_process
-
-            run_in_process(scenario, out, on_progress)
-        else:
-            from orograph.cli.launch import run_processes
-
-            run_processes(scenario, out, capacity or default_capacity(scenario), ports, on_progress)
-    finish(scenario, out, "in-process" if in_process else "processes", begin_s)
-    return out
-
-
-def default_capacity(scenario: Scenario) -> int:
-    """One robot per process where there are cores for it; on a small machine processes are shared."""
-    return scenario.robots if (os.cpu_count() or 1) <= 2 else 1
-
-
-def prepare_out(out: Path | None, scenario: Scenario) -> Path:
-    """A new or empty run folder that says what is to run; raises InputError where it can't be had."""
-    if out is None:
-        out = next(p for i in range(1, 10_000) if not (p := Path("runs") / f"{scenario.name}-{i:03d}").exists())
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"--out {out}: not an empty folder; name a new one or remove it")
-    try:
-        (out / "parts").mkdir(parents=True)
-        (out / "parts" / "scenario.json").write_text(scenario.model_dump_json())
-    except OSError as error:
-        raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None
-    return out
-
-
-def finish(scenario: Scenario, out: Path, runner: str, begin_s: float) -> None:
-    """Compose the finished run folder from what the services left; raises RunError where they left nothing."""
-    from orograph.report.folder import compose  # heavy: only once there is something to compose
-
-    world_json = out / "parts" / "world.json"
-    if not world_json.exists():
-        raise RunError(f"the world left no result; logs are in {out / 'logs'}")
-    run_json = {
-        "seed": scenario.seed, "robots": scenario.robots, "runner": runner, "commit": commit(),
-        "mode": "lockstep" if scenario.time_scale == "max" else "paced", "started_unix_s": begin_s,
-        **json.loads(world_json.read_text()),
-    }  # fmt: skip
-    (out / "parts" / "run.json").write_text(json.dumps(run_json))
-    compose(out)
-
-
-def commit() -> str:
-    """The checkout's commit, `-dirty` where files differ from it; `unknown` outside a checkout."""
-    try:
-        described = subprocess.run(
-            ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"],
-            cwd=Path(__file__).parent, capture_output=True, text=True, timeout=10, check=True,
-        )  # fmt: skip
-    except (OSError, subprocess.SubprocessError):
-        return "unknown"
-    return described.stdout.strip()
+@contextmanager
+def shown(scenario: Scenario, quiet: bool) -> Iterator[OnProgress]:
+    """The live view while a run goes on, unless nobody wants one."""
+    if quiet:
+        yield unseen
+        return
+    with Progress(scenario) as progress:
+        yield progress.show

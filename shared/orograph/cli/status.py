@@ -15,10 +15,10 @@ from rich.table import Table
 from rich.text import Text
 
 from orograph import keys
-from orograph.cli.errors import InputError, RunError
-from orograph.edge import wire
-from orograph.edge.bus import Bus
-from orograph.edge.session import client
+from orograph.comms import wire
+from orograph.comms.bus import Bus
+from orograph.comms.session import client
+from orograph.errors import InputError, RunError
 from orograph.nodes.standing import MapStanding, RobotStanding, Standing, link_up
 
 ROUTER = "tcp/127.0.0.1:17448"

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.table import Table
 
-from orograph.cli.errors import InputError
-from orograph.cli.run import resolve, run
-from orograph.edge.scenario_file import load_scenario
+from orograph.cli.run import shown
+from orograph.errors import InputError
+from orograph.launch.lifecycle import resolve, run
+from orograph.storage.scenario_file import load_scenario
 
 if TYPE_CHECKING:
     from orograph.report.study import StudyRow
@@ -36,8 +37,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 
 def main(args: argparse.Namespace) -> int:
     """Run every number of robots, print the table and say where the page is."""
+    from orograph.judge.same_cells import same_cells_times_s
     from orograph.report.page import render_study  # heavy: only once the input is known to be good
-    from orograph.report.same_cells import same_cells_times_s
     from orograph.report.study import study_rows
 
     asked = load_scenario(args.scenario)
@@ -45,7 +46,9 @@ def main(args: argparse.Namespace) -> int:
     out = new_folder(args.out, asked.name)
     summaries = []
     for scenario in scenarios:
-        folder = run(scenario, out / f"robots-{scenario.robots}", in_process=args.in_process, quiet=args.quiet)
+        with shown(scenario, args.quiet) as on_progress:
+            folder = run(scenario, out / f"robots-{scenario.robots}", in_process=args.in_process,
+                         on_progress=on_progress)  # fmt: skip
         summaries.append((folder.name, json.loads((folder / "summary.json").read_text())))
     rows = study_rows(summaries, same_cells_times_s([out / name for name, _ in summaries]))
     _write(out / "study.html", render_study(asked.title, rows))

@@ -13,13 +13,13 @@ from orograph.layers import CellMap
 from orograph.mapping.cells import Cells, Given, Values, cut, map_of, unknown_values, values_of
 from orograph.mapping.evidence import Evidence
 from orograph.mapping.fusion import fuse
-from orograph.mapping.planning import Codes, PlanningView
+from orograph.mapping.occupancy import Codes, OccupancyView
 from orograph.mapping.reconstruction import DROP_REASONS, Reconstructor
 from orograph.mapping.register_kernels import pack_cells
 from orograph.mapping.rescaling import expand, rescale
 from orograph.mapping.rules import SLOPE_MAX, FusionRules
 from orograph.mapping.updates import Held
-from orograph.messages import RECORD, Packed
+from orograph.messages import UPDATE, Packed
 from orograph.points import points_from_ranges
 from orograph.registers import unpack
 from orograph.stages import Stage, untimed
@@ -39,14 +39,14 @@ class RobotMapper:
         self._given = map_of(unknown_values(glrm_grid.size), glrm_grid, given)
         self._fine_rules, self._coarse_rules = rules.numbers(slope_max), rules.numbers(None)
         self._acknowledged = Held(glrm_grid.size)
-        self._planning = PlanningView(self._evidence, self._fine_rules)
+        self._planning = OccupancyView(self._evidence, self._fine_rules)
 
     def step(
         self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], position_xy_m: npt.ArrayLike, stamp_ns: int
     ) -> Packed:
         """Map one scan: points (n, 3) [m, map frame] measured at ranges (n,) [m]; returns the UpdatedCellsList.
 
-        The HRM follows `position_xy_m`. The list (RECORD, ascending cells, seq 0) holds the touched cells that moved
+        The HRM follows `position_xy_m`. The list (UPDATE, ascending cells, seq 0) holds the touched cells that moved
         enough since they were last acknowledged, each with the robot's whole evidence for it (mapping.md section 4).
         """
         evidence = self._evidence
@@ -72,11 +72,11 @@ class RobotMapper:
         return self.step(points, ranges_m, np.asarray(laser_position_m)[:2], stamp_ns)
 
     def acknowledge(self, records: Packed) -> None:
-        """The Map Manager holds these registers (RECORD)."""
+        """The Map Manager holds these registers (UPDATE)."""
         self._acknowledged.hold(records)
 
     def adopt(self, row: Packed, fuse: bool) -> None:
-        """Take over the robot's own row as the Map Manager holds it (ROW_RECORD), which becomes what is acknowledged.
+        """Take over the robot's own row as the Map Manager holds it (REGISTER), which becomes what is acknowledged.
 
         With `fuse` the row is of an earlier life and is fused with what was seen since; without, it only fills gaps.
         """
@@ -89,17 +89,17 @@ class RobotMapper:
         else:
             missing = self._evidence.coarse[cells, -1] <= 0
             self._evidence.put(cells[missing], values[missing], ticks[missing])
-        held = np.zeros(len(row), RECORD)
-        for name in RECORD.names or ():
+        held = np.zeros(len(row), UPDATE)
+        for name in UPDATE.names or ():
             held[name] = row[name]
         self._acknowledged.hold(held)
 
     def unacknowledged(self) -> Packed:
-        """Every register (RECORD) that differs at all, tick included, from what was acknowledged: the flush."""
+        """Every register (UPDATE) that differs at all, tick included, from what was acknowledged: the flush."""
         return self._acknowledged.differing(self.registers())
 
     def registers(self) -> Packed:
-        """All own evidence as registers (RECORD, ascending cells, seq 0)."""
+        """All own evidence as registers (UPDATE, ascending cells, seq 0)."""
         return self._registers_of(self._evidence.known_cells())
 
     @property
@@ -127,7 +127,7 @@ class RobotMapper:
 
     @property
     def acknowledged(self) -> Packed:
-        """The registers (RECORD, ascending cells) that the Map Manager holds."""
+        """The registers (UPDATE, ascending cells) that the Map Manager holds."""
         return self._acknowledged.registers()
 
     @property
@@ -150,6 +150,6 @@ class RobotMapper:
         return cut(glrm, *self._evidence.window, self._evidence.llrm_grid.shape)
 
     def _registers_of(self, cells: Cells) -> Packed:
-        records = np.zeros(len(cells), RECORD)
+        records = np.zeros(len(cells), UPDATE)
         pack_cells(cells, self._evidence.coarse, self._evidence.coarse_ticks, records)
         return records

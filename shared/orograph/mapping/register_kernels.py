@@ -26,7 +26,7 @@ def whole(value: float, lowest: float, highest: float, unknown: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def pack_cells(cells: Any, values: Any, ticks: Any, records: Any) -> None:
-    """Set `records` (k,) RECORD, zeros before, to `cells` (k,) of values (n, 5) and ticks (n,): `registers.pack`."""
+    """Set `records` (k,) UPDATE, zeros before, to `cells` (k,) of values (n, 5) and ticks (n,): `registers.pack`."""
     for i in range(cells.shape[0]):
         own, record = values[cells[i]], records[i]
         record.cell, record.tick = cells[i], ticks[cells[i]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from orograph.mapping.register_kernels import moved_enough
-from orograph.messages import RECORD, Packed
+from orograph.messages import UPDATE, Packed
 
 VALUE_FIELDS = ("tick", "height", "gradient_x", "gradient_y", "occupation", "confidence")
 
@@ -14,10 +14,10 @@ class Held:
     """The last register per GLRM cell that someone else holds; confidence 0 where it holds none."""
 
     def __init__(self, cells: int) -> None:
-        self._records = np.zeros(cells, RECORD)
+        self._records = np.zeros(cells, UPDATE)
 
     def hold(self, records: Packed) -> None:
-        """These registers (RECORD) are held now."""
+        """These registers (UPDATE) are held now."""
         self._records[records["cell"]] = records
 
     def registers(self) -> Packed:

@@ -1,1 +1,1 @@
-"""Missions: dividing the patrol, and driving it (pose, planning, following)."""
+"""The mission: the patrol shared out over the robots, and the phases of a run."""

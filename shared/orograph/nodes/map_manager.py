@@ -61,7 +61,7 @@ class MapManagerNode:
         return self._sync.telemetry()
 
     def artifacts(self) -> Mapping[str, npt.NDArray[Any]]:
-        """Final `glrm` (CELL), `prior` (RECORD), `registers` (REGISTER), first confident, coverage, acks."""
+        """Final `glrm` (CELL), `prior` (UPDATE), `registers` (ROBOT_REGISTER), first confident, coverage, acks."""
         return {
             "glrm": self._sync.glrm,
             "prior": self._prior,

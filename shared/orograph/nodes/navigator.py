@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph import keys
-from orograph.messages import Drive, Envelope, Frame, Mission, PlanningMap, Pose, Sensors
-from orograph.mission.navigator import Navigator
+from orograph.messages import Drive, Envelope, Frame, Mission, OccupancyGrid, Pose, Sensors
+from orograph.navigation.navigator import Navigator
 from orograph.node import Note, Send
 from orograph.scenario import Scenario
 
@@ -40,7 +40,7 @@ class NavigatorNode:
                     if self._navigator.pose.started:
                         send(keys.SIM, self._mapping, pose)
                         self._record(pose)
-                case PlanningMap() as planning_map:
+                case OccupancyGrid() as planning_map:
                     self._navigator.take_map(planning_map)
                 case Mission() as mission:
                     self._navigator.hear(mission, frame.stamp_ns)

@@ -21,7 +21,7 @@ from orograph.messages import (
     RunEnd,
 )
 from orograph.mission.distances import DrivingDistances
-from orograph.mission.orchestrator import HEARD_NS, LOST_AFTER_NS, SECOND_NS, Patrol
+from orograph.mission.patrol import HEARD_NS, LOST_AFTER_NS, SECOND_NS, Patrol
 from orograph.mission.phases import END, FLUSH, MAPPING, PHASES, RunPhases
 from orograph.node import Note, Send
 from orograph.nodes.standing import Ears, Standing

@@ -14,7 +14,7 @@ from orograph.geometry import ray_directions, rotation
 from orograph.layers import CellMap
 from orograph.mapping import FusionRules, RobotMapper
 from orograph.mapping.cells import values_of
-from orograph.mapping.planning import Codes
+from orograph.mapping.occupancy import Codes
 from orograph.mapping.updates import Held
 from orograph.messages import (
     UNKNOWN_OCCUPATION,
@@ -23,9 +23,9 @@ from orograph.messages import (
     Hello,
     MappingStatus,
     Message,
+    OccupancyGrid,
     Packed,
     Phase,
-    PlanningMap,
     Pose,
     Scan,
 )  # fmt: skip
@@ -59,7 +59,7 @@ class RobotMappingNode:
         self._prior = unpack(prior, grid, *given)
         self._sync = RobotSync(robot, grid.shape, prior, nonce, seed)
         self._offered = Held(grid.size)
-        self._arrivals = Arrivals(POSE_WAIT_FRAMES * scenario.frame_ns)
+        self._arrivals = ScanPoseSync(POSE_WAIT_FRAMES * scenario.frame_ns)
         self._directions, self._laser_height_m = ray_directions(scenario.laser), scenario.laser.height_above_base_m
         self._initial_hrm: CellMap | None = None
         self._flushing = self._flushed = False
@@ -157,16 +157,16 @@ class RobotMappingNode:
         self._told, self._global_map_due_ns = state, self._now_ns + GLOBAL_MAP_NS
         grid, self._told_codes = self._prior.grid, self._copied_codes()
         codes = self._told_codes.reshape(grid.shape)
-        send(keys.SIM, self._navigator, PlanningMap(self._now_ns, *grid.origin_m, grid.cell_m, True, codes))
+        send(keys.SIM, self._navigator, OccupancyGrid(self._now_ns, *grid.origin_m, grid.cell_m, True, codes))
 
     def _copied_codes(self) -> Codes:
         cells = self._sync.copy.cells
         return np.where(cells["confidence"] > 0, cells["occupation"], np.uint8(UNKNOWN_OCCUPATION))
 
-    def _local_map(self, stamp_ns: int) -> PlanningMap:
+    def _local_map(self, stamp_ns: int) -> OccupancyGrid:
         grid = self._mapper.hrm_grid
         codes = self._mapper.planning_occupation(self._prior_values, self._told_codes)
-        return PlanningMap(stamp_ns, *grid.origin_m, grid.cell_m, False, codes)
+        return OccupancyGrid(stamp_ns, *grid.origin_m, grid.cell_m, False, codes)
 
     def _status(self) -> MappingStatus:
         copy, waiting = self._sync.copy, self._sync.waiting_cells
@@ -185,7 +185,7 @@ class RobotMappingNode:
         }
 
     def artifacts(self) -> Mapping[str, npt.NDArray[Any]]:
-        """HRM (evidence over prior) now and before the first scan, registers and acknowledged (RECORD), copy (CELL).
+        """HRM (evidence over prior) now and before the first scan, registers and acknowledged (UPDATE), copy (CELL).
 
         `backlog` (n, 2) int64: every second its stamp [ns] and how many cells waited for their acknowledgement.
         """
@@ -211,7 +211,7 @@ class RobotMappingNode:
         }
 
 
-class Arrivals:
+class ScanPoseSync:
     """Scans and poses that wait for each other; both are of one robot."""
 
     def __init__(self, wait_ns: int) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pydantic import BaseModel, ConfigDict
 
 from orograph.messages import ManagerStatus, MappingStatus, RobotStatus
-from orograph.mission.orchestrator import HEARD_NS, SECOND_NS
+from orograph.mission.patrol import HEARD_NS, SECOND_NS
 
 HEARD_S = HEARD_NS / SECOND_NS
 """A service is within radio if one of its last three statuses came."""

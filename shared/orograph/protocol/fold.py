@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from orograph.messages import CELL, RECORD, ROW_RECORD, Packed
-from orograph.protocol.fold_kernel import AGEING_STEPS, fold_cells
+from orograph.messages import CELL, REGISTER, UPDATE, Packed
+from orograph.protocol.fold_kernels import AGEING_STEPS, fold_cells
 
 if TYPE_CHECKING:
     from typing import Literal
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 VALUES = ("height", "gradient_x", "gradient_y", "occupation", "confidence")
 """What a cell holds, in the canonical order of hashes."""
-REGISTER = np.dtype([("robot", "<u2"), *[(n, ROW_RECORD[n]) for n in ROW_RECORD.names or ()]])
+ROBOT_REGISTER = np.dtype([("robot", "<u2"), *[(n, REGISTER[n]) for n in REGISTER.names or ()]])
 """A register with the number of its robot: the form in which a run folder keeps them."""
 
 
@@ -80,7 +80,7 @@ class FoldRules:
 def fold(prior: Packed, registers: Packed, rules: FoldRules) -> Packed:
     """GLRM cells (n,) of dtype CELL, version 0, from prior RECORDs (n,) and registers (robots, n).
 
-    Registers are RECORD or ROW_RECORD, one row per robot in ascending order of robot number, confidence 0 where a
+    Registers are UPDATE or REGISTER, one row per robot in ascending order of robot number, confidence 0 where a
     robot has no evidence; column i belongs to prior[i] (mapping.md section 5).
     """
     assert registers.ndim == 2 and registers.shape[1:] == prior.shape, (registers.shape, prior.shape)
@@ -95,11 +95,11 @@ def fold(prior: Packed, registers: Packed, rules: FoldRules) -> Packed:
 
 
 def fold_registers(prior: Packed, registers: Packed, rules: FoldRules) -> Packed:
-    """The whole GLRM (n,) of dtype CELL from the prior of every cell (n,) and REGISTER records (m,) in any order."""
+    """The whole GLRM (n,), CELL, from the prior of every cell (n,) and ROBOT_REGISTER records (m,) in any order."""
     numbers = np.unique(registers["robot"])
-    rows = np.zeros((len(numbers), len(prior)), ROW_RECORD)
+    rows = np.zeros((len(numbers), len(prior)), REGISTER)
     rank = np.searchsorted(numbers, registers["robot"])
-    for name in ROW_RECORD.names or ():
+    for name in REGISTER.names or ():
         rows[name][rank, registers["cell"].astype(np.int64)] = registers[name]
     return fold(prior, rows, rules)
 
@@ -115,7 +115,7 @@ def same_values(a: Packed, b: Packed, *more: str) -> npt.NDArray[np.bool_]:
 def whole_prior(prior: Packed, size: int) -> Packed:
     """The prior as RECORDs in order of cell; asserts that it names every cell once."""
     ordered: npt.NDArray[Any] = prior[np.argsort(prior["cell"], kind="stable")]
-    assert ordered.dtype == RECORD and np.array_equal(ordered["cell"], np.arange(size)), (
+    assert ordered.dtype == UPDATE and np.array_equal(ordered["cell"], np.arange(size)), (
         "prior must name every cell once"
     )
     return ordered

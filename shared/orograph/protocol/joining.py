@@ -14,7 +14,7 @@ import hashlib
 import numpy as np
 
 from orograph.messages import Fenced, Hello, Packed, Welcome
-from orograph.protocol.pace import Pace
+from orograph.protocol.backoff import Backoff
 
 LISTEN_NS = 3_000_000_000
 LISTEN_MAX_NS = 48_000_000_000
@@ -25,7 +25,7 @@ class Joining:
 
     def __init__(self, robot: str, size: int, nonce: bytes, seed: int) -> None:
         self._first_nonce, self._nonce, self._size = nonce, nonce, size
-        self._pace = Pace(seed, "robot-mapping", robot, "hello")
+        self._pace = Backoff(seed, "robot-mapping", robot, "hello")
         self._parts: dict[int, Packed] = {}
         self._parts_of: tuple[int, int] = (0, 0)
         self._pause_ns, self._hello_again_ns = LISTEN_NS, 0

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph.layers import CONFIDENT
-from orograph.messages import ROW_RECORD, Packed
-from orograph.protocol.fold import REGISTER, FoldRules, fold, same_values, whole_prior
+from orograph.messages import REGISTER, Packed
+from orograph.protocol.fold import ROBOT_REGISTER, FoldRules, fold, same_values, whole_prior
 from orograph.protocol.store import CONFIDENT as CONFIDENT_RECORD
-from orograph.protocol.store import Held
+from orograph.protocol.store import StoredState
 
 
 def newest_per_cell(rows: Packed) -> Packed:
@@ -24,7 +24,7 @@ def newest_per_cell(rows: Packed) -> Packed:
 class Ledger:
     """Registers by robot number, the GLRM (`glrm`, CELL with versions) and when each cell became confident."""
 
-    def __init__(self, prior: Packed, size: int, rules: FoldRules, held: Held) -> None:
+    def __init__(self, prior: Packed, size: int, rules: FoldRules, held: StoredState) -> None:
         self._prior, self._rules, self._size = whole_prior(prior, size), rules, size
         self._rows: dict[int, Packed] = {}
         for robot in sorted(held.registers):
@@ -43,13 +43,13 @@ class Ledger:
 
     def _put(self, robot: int, rows: Packed) -> None:
         if robot not in self._rows:
-            self._rows[robot] = np.zeros(self._size, ROW_RECORD)
+            self._rows[robot] = np.zeros(self._size, REGISTER)
             self._rows = {number: self._rows[number] for number in sorted(self._rows)}
         self._rows[robot][rows["cell"]] = rows
 
     def row(self, robot: int) -> Packed:
-        """A robot's registers (ROW_RECORD), cells ascending; empty if it has none."""
-        row: Packed = self._rows.get(robot, np.zeros(0, ROW_RECORD))
+        """A robot's registers (REGISTER), cells ascending; empty if it has none."""
+        row: Packed = self._rows.get(robot, np.zeros(0, REGISTER))
         with_evidence: Packed = row[row["confidence"] > 0]
         return with_evidence
 
@@ -66,7 +66,7 @@ class Ledger:
     def folded(self, cells: npt.NDArray[np.int64], news: Mapping[int, Packed]) -> Packed:
         """These cells (n,), ascending, as they will be once `news` (robot number -> ROW_RECORDs) is held."""
         robots = sorted({*self._rows, *news})
-        columns = np.zeros((len(robots), len(cells)), ROW_RECORD)
+        columns = np.zeros((len(robots), len(cells)), REGISTER)
         for line, robot in enumerate(robots):
             if robot in self._rows:
                 columns[line] = self._rows[robot][cells]
@@ -96,14 +96,14 @@ class Ledger:
         return cells
 
     def registers(self) -> Packed:
-        """All registers as REGISTER records, by robot number, then cell."""
+        """All registers as ROBOT_REGISTER records, by robot number, then cell."""
         rows = {robot: self.row(robot) for robot in self._rows}
-        out = np.zeros(sum(map(len, rows.values())), REGISTER)
+        out = np.zeros(sum(map(len, rows.values())), ROBOT_REGISTER)
         begin = 0
         for robot, row in rows.items():
             part = out[begin : begin + len(row)]
             part["robot"] = robot
-            for name in ROW_RECORD.names or ():
+            for name in REGISTER.names or ():
                 part[name] = row[name]
             begin += len(row)
         return out

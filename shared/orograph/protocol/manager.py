@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph.keys import robot_id, robot_number
-from orograph.messages import ACKED, RECORD, ROW_RECORD, Ack, Batch, CellsRequest, Fenced, Hello, Message, Packed
+from orograph.messages import ACKED, REGISTER, UPDATE, Ack, Batch, CellsRequest, Fenced, Hello, Message, Packed
 from orograph.protocol.downlink import Downlink, SendTo
 from orograph.protocol.epochs import Epochs
 from orograph.protocol.fold import FoldRules
@@ -47,7 +47,7 @@ def _unnoted(kind: str, fields: Mapping[str, Any]) -> None:
 class ManagerSync:
     """Step object; everything it needs after a crash is in `store`.
 
-    `prior` is the whole GLRM prior (RECORD), `robots` the ids that may write. Raises StoreDamaged when built on a bad
+    `prior` is the whole GLRM prior (UPDATE), `robots` the ids that may write. Raises StoreDamaged when built on a bad
     store, and StoreFailed from `step`: then the process must end and recover.
     """
 
@@ -93,7 +93,7 @@ class ManagerSync:
         return map_hash(self.glrm)
 
     def registers(self) -> Packed:
-        """All registers (REGISTER) by robot number and cell."""
+        """All registers (ROBOT_REGISTER) by robot number and cell."""
         return self._ledger.registers()
 
     def epoch(self, robot: str) -> int:
@@ -246,9 +246,9 @@ class ManagerSync:
 
 
 def _in_epoch(batch: Batch) -> Packed:
-    rows = np.zeros(len(batch.records), ROW_RECORD)
+    rows = np.zeros(len(batch.records), REGISTER)
     rows["epoch"] = batch.epoch
-    for name in RECORD.names or ():
+    for name in UPDATE.names or ():
         rows[name] = batch.records[name]
     return rows
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from orograph.messages import RECORD, ROW_RECORD, Packed
+from orograph.messages import REGISTER, UPDATE, Packed
 from orograph.protocol.fold import same_values
 
 BATCH_CELLS = 256
@@ -27,11 +27,11 @@ class _Flight:
 
 
 class Outbox:
-    """Own registers (cells,) of RECORD, those last acknowledged, and the batches on their way."""
+    """Own registers (cells,) of UPDATE, those last acknowledged, and the batches on their way."""
 
     def __init__(self, size: int) -> None:
-        self.own = np.zeros(size, RECORD)
-        self._acked = np.zeros(size, RECORD)
+        self.own = np.zeros(size, UPDATE)
+        self._acked = np.zeros(size, UPDATE)
         self.own["cell"] = self._acked["cell"] = np.arange(size)
         self._dirty = np.zeros(size, np.bool_)
         self._dirty_since = np.zeros(size, np.int64)
@@ -55,7 +55,7 @@ class Outbox:
         return self.now_ns - int(self._dirty_since_ns[self._dirty].min()) if self.waiting else 0
 
     def offer(self, records: Packed) -> None:
-        """Take new values of registers (RECORD, seq ignored); what says nothing new keeps its seq."""
+        """Take new values of registers (UPDATE, seq ignored); what says nothing new keeps its seq."""
         now = records[~same_values(records, self.own[records["cell"]], "tick")]
         if not len(now):
             return
@@ -79,7 +79,7 @@ class Outbox:
     def next_batch(self, now_ns: int) -> Packed:
         """Up to 256 dirty records that are not on their way: oldest first, with a share for the largest change."""
         if self.flights >= BATCHES_IN_FLIGHT or not self.waiting:
-            return np.zeros(0, RECORD)
+            return np.zeros(0, UPDATE)
         waiting = np.flatnonzero(self._dirty & ~self._in_flight)
         if len(waiting) > BATCH_CELLS:
             waiting = self._choose(waiting)
@@ -132,17 +132,17 @@ class Outbox:
         return len(old)
 
     def rebase(self, row: Packed, first_life: bool) -> None:
-        """Start an epoch from the row (ROW_RECORD, cells ascending) that the manager holds of this robot.
+        """Start an epoch from the row (REGISTER, cells ascending) that the manager holds of this robot.
 
         What the manager holds and the robot does not is adopted; what the robot holds otherwise is dirty. In a
         process's first life both may hold a cell: the row stands until the mapper, which fuses the two, offers the
         result, so that a restart never replaces much evidence by little (protocol.md, invariant 10).
         """
-        held = np.zeros(len(self.own), ROW_RECORD)
+        held = np.zeros(len(self.own), REGISTER)
         held[row["cell"]] = row
         mine, theirs = self.own["confidence"] > 0, held["confidence"] > 0
         takes = theirs if first_life else theirs & ~mine
-        for name in set(RECORD.names or ()) - {"cell"}:
+        for name in set(UPDATE.names or ()) - {"cell"}:
             self._acked[name] = held[name]
             self.own[name][takes] = held[name][takes]
         self._flights, self._in_flight[:], self._dirty[:] = [], False, False

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from orograph.messages import RECORD, ROW_RECORD, Ack, Batch, Delta, Digest, Fenced, Message, Packed, Welcome
+from orograph.messages import REGISTER, UPDATE, Ack, Batch, Delta, Digest, Fenced, Message, Packed, Welcome
+from orograph.protocol.backoff import Backoff
 from orograph.protocol.copy import GlrmCopy
 from orograph.protocol.fold import whole_prior
 from orograph.protocol.joining import Joining
 from orograph.protocol.outbox import BATCHES_IN_FLIGHT, Outbox
-from orograph.protocol.pace import Pace
 
 LINK_UP_NS = 5_000_000_000
 SILENCE_NS = 2_500_000_000
@@ -22,25 +22,25 @@ SILENCE_NS = 2_500_000_000
 
 @dataclass(frozen=True, eq=False)
 class SyncResult:
-    """What a step brought: records acknowledged (RECORD), and, when a welcome completed, the robot's whole row."""
+    """What a step brought: records acknowledged (UPDATE), and, when a welcome completed, the robot's whole row."""
 
     acknowledged: Packed
     adopted: Packed
-    """ROW_RECORD: what the manager holds of this robot; empty except in the step that completes a welcome."""
+    """REGISTER: what the manager holds of this robot; empty except in the step that completes a welcome."""
     first_life: bool
     """The welcome is this process's first, so the row, if any, is of an earlier life."""
 
 
 class RobotSync:
-    """Step object; `prior` is the whole GLRM prior (RECORD), `nonce` 16 bytes that no other instance has."""
+    """Step object; `prior` is the whole GLRM prior (UPDATE), `nonce` 16 bytes that no other instance has."""
 
     def __init__(self, robot: str, shape: tuple[int, int], prior: Packed, nonce: bytes, seed: int) -> None:
         size = shape[0] * shape[1]
         self.copy = GlrmCopy(shape, whole_prior(prior, size))
         self._outbox = Outbox(size)
         self._joining = Joining(robot, size, nonce, seed)
-        self._batches = Pace(seed, "robot-mapping", robot, "batch")
-        self._requests = Pace(seed, "robot-mapping", robot, "request")
+        self._batches = Backoff(seed, "robot-mapping", robot, "batch")
+        self._requests = Backoff(seed, "robot-mapping", robot, "request")
         self._heard_ns: int | None = None
         self._counts: Counter[str] = Counter()
 
@@ -69,18 +69,18 @@ class RobotSync:
         return self._heard_ns is not None and now_ns - self._heard_ns <= LINK_UP_NS
 
     def registers(self) -> Packed:
-        """Own evidence (RECORD), one per cell that has any."""
+        """Own evidence (UPDATE), one per cell that has any."""
         own = self._outbox.own
         return own[own["confidence"] > 0]
 
     def offer(self, records: Packed) -> None:
-        """Own evidence that is worth sending (RECORD, seq ignored); the same value twice is one change."""
+        """Own evidence that is worth sending (UPDATE, seq ignored); the same value twice is one change."""
         self._outbox.offer(records)
 
     def step(self, now_ns: int, inbox: Sequence[Message], send: Callable[[Message], None]) -> SyncResult:
         """Take what the manager sent, send what is due."""
         self._outbox.now_ns = now_ns
-        acknowledged, adopted = [np.zeros(0, RECORD)], np.zeros(0, ROW_RECORD)
+        acknowledged, adopted = [np.zeros(0, UPDATE)], np.zeros(0, REGISTER)
         for message in inbox:
             self._hear(now_ns)
             if isinstance(message, Ack):
@@ -102,7 +102,7 @@ class RobotSync:
 
     def _take_ack(self, ack: Ack, now_ns: int) -> Packed:
         if not self._joining.hear_ack_of(ack.epoch, now_ns):
-            return np.zeros(0, RECORD)
+            return np.zeros(0, UPDATE)
         self._batches.answered()
         cleared = self._outbox.acknowledge(ack.acked["cell"], ack.acked["seq"])
         self._counts["records_acked"] += len(cleared)

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from orograph.messages import ROW_RECORD, Packed
+from orograph.messages import REGISTER, Packed
 
 
 class StoreError(Exception):
@@ -56,7 +56,7 @@ class Changes:
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class StoredState:
     """Everything that was ever committed."""
 
     manager_epoch: int = 0
@@ -70,7 +70,7 @@ class Held:
 class Store(Protocol):
     """Durable memory of one Map Manager."""
 
-    def load(self) -> Held:
+    def load(self) -> StoredState:
         """All that was committed; raises StoreDamaged."""
 
     def commit(self, changes: Changes) -> None:
@@ -87,9 +87,9 @@ class MemoryStore:
         self.full = False
         self.fail_next: str | None = None
         self.commits = 0
-        self._held = Held()
+        self._held = StoredState()
 
-    def load(self) -> Held:
+    def load(self) -> StoredState:
         """All that was committed."""
         return self._held
 
@@ -105,14 +105,14 @@ class MemoryStore:
             raise StoreFailed(f"the simulated sync failed ({outcome})")
 
 
-def merged(held: Held, changes: Changes) -> Held:
+def merged(held: StoredState, changes: Changes) -> StoredState:
     """What is held after a commit."""
     registers = {**held.registers}
     for robot, rows in changes.registers.items():
-        old = registers.get(robot, np.zeros(0, ROW_RECORD))
+        old = registers.get(robot, np.zeros(0, REGISTER))
         kept = old[~np.isin(old["cell"], rows["cell"])]
         registers[robot] = np.concatenate([kept, rows])
-    return Held(
+    return StoredState(
         manager_epoch=changes.manager_epoch,
         version=changes.version,
         registers=registers,

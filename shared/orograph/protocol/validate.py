@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from orograph.messages import RECORD, Batch, CellsRequest, Hello, Packed
+from orograph.messages import UPDATE, Batch, CellsRequest, Hello, Packed
 
 HEIGHT_MAX_MM = 10_000_000
 FUTURE_MS = 1_000
@@ -14,7 +14,7 @@ NONCE_BYTES = 16
 
 def records_fault(records: Packed, size: int, now_ns: int) -> str | None:
     """Why these records of a batch cannot be taken, in one word, or None."""
-    if records.dtype != RECORD or records.ndim != 1 or not 1 <= len(records) <= BATCH_RECORDS_MAX:
+    if records.dtype != UPDATE or records.ndim != 1 or not 1 <= len(records) <= BATCH_RECORDS_MAX:
         return "shape"
     if (records["cell"] >= size).any():
         return "cell-range"

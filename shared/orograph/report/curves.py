@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from orograph.judge.score import CONFIDENCE_BINS, SHARES, MapScore
 from orograph.report import palette
 from orograph.report.palette import Picture
-from orograph.report.score import CONFIDENCE_BINS, SHARES, MapScore
 
 F64 = npt.NDArray[np.float64]
 Series = Mapping[str, tuple[F64, F64]]

@@ -11,15 +11,15 @@ import numpy.typing as npt
 from orograph import keys
 from orograph.geometry import ray_directions, rotation_from_quaternion
 from orograph.grid import Grid
+from orograph.judge.summary import Verdict, glrm_errors
 from orograph.layers import CONFIDENT, CellMap
 from orograph.points import points_from_ranges
 from orograph.report import curves, maps, surfaces
 from orograph.report.axonometric import Relief
 from orograph.report.palette import Picture
-from orograph.report.parts import RunParts
-from orograph.report.summary import Verdict, glrm_errors
 from orograph.scenario import Scenario
 from orograph.sensing.truth import top_surface
+from orograph.storage.parts import RunParts
 
 AROUND_M = 50.0
 """Half a side of the scene picture."""

@@ -7,12 +7,12 @@ from importlib import resources
 
 import jinja2
 
+from orograph.judge.score import CONFIDENCE_BINS, OCCUPIED, SHARES
+from orograph.judge.summary import Verdict
+from orograph.judge.timing import PAPER_ROBOTS, PAPER_TABLE_3_S, table_2
 from orograph.report.gallery import gallery
-from orograph.report.parts import RunParts
-from orograph.report.score import CONFIDENCE_BINS, OCCUPIED, SHARES
 from orograph.report.study import StudyRow, mapping_times
-from orograph.report.summary import Verdict
-from orograph.report.timing import PAPER_ROBOTS, PAPER_TABLE_3_S, table_2
+from orograph.storage.parts import RunParts
 
 
 def render_study(title: str, rows: list[StudyRow]) -> str:

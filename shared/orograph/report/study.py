@@ -8,9 +8,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from orograph.judge.timing import PAPER_TABLE_3_S
 from orograph.report import palette
 from orograph.report.palette import Picture
-from orograph.report.timing import PAPER_TABLE_3_S
 
 
 @dataclass(frozen=True)

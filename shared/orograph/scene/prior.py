@@ -39,7 +39,7 @@ def building_cover(scenario: Scenario, grid: Grid) -> npt.NDArray[np.float64]:
 
 
 def prior_records(scenario: Scenario) -> Packed:
-    """One RECORD per GLRM cell, in cell order, seq and tick 0.
+    """One UPDATE per GLRM cell, in cell order, seq and tick 0.
 
     A roof's gradients stay unknown: a flat roof must not look passable, so its occupation is 1 by decree.
     """

@@ -19,7 +19,7 @@ from embreex.rtcore_scene import EmbreeScene
 from orograph.scene import Mesh, Scene
 from orograph.scene.mesh import joined
 from orograph.sensing.bodies import Boxes
-from orograph.sensing.kernels import arrange, limit_by_boxes, void_beyond
+from orograph.sensing.ray_kernels import drop_beyond, nearest_box_hits, split_by_slope
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
@@ -40,7 +40,7 @@ def embree_scene(device: EmbreeDevice, mesh: Mesh, origin_m: F64) -> EmbreeScene
     return scene
 
 
-def limit(scene: EmbreeScene | None, origins: F32, rays: F32, distances: F32) -> None:
+def nearest_hits(scene: EmbreeScene | None, origins: F32, rays: F32, distances: F32) -> None:
     """Shorten `distances` (n,) in place to the nearest hits of rays (n, 3) from origins (n, 3)."""
     if scene is not None and len(distances):
         scene.run(origins, rays, dists=distances, query="DISTANCE")
@@ -83,12 +83,14 @@ class RayCaster:
         if len(self._rays) != len(directions):
             self._rays, self._origins = np.empty_like(directions), np.empty_like(directions)
         rays, origins, places = self._rays, self._origins, np.empty(len(directions), np.int32)
-        first = arrange(directions, R_map_laser, window.steepest, origin_m - window.origin_m, rays, origins, places)
+        first = split_by_slope(
+            directions, R_map_laser, window.steepest, origin_m - window.origin_m, rays, origins, places
+        )
         nearest = np.full(len(rays), self._reach_m, np.float32)
-        limit(window.solid, origins[:first], rays[:first], nearest[:first])
-        limit(window.buildings, origins[first:], rays[first:], nearest[first:])
-        limit_by_boxes(rays, nearest, boxes.centres_m - origin_m, boxes.half_m, boxes.R_box_map)
-        void_beyond(nearest, self._reach_m)  # else noise could pull an empty ray into range
+        nearest_hits(window.solid, origins[:first], rays[:first], nearest[:first])
+        nearest_hits(window.buildings, origins[first:], rays[first:], nearest[first:])
+        nearest_box_hits(rays, nearest, boxes.centres_m - origin_m, boxes.half_m, boxes.R_box_map)
+        drop_beyond(nearest, self._reach_m)  # else noise could pull an empty ray into range
         return nearest, places
 
     def _window(self, origin_m: F64) -> Window:

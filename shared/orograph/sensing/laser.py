@@ -16,7 +16,7 @@ from orograph.scenario import LaserSpec, Scenario
 from orograph.scene import Scene
 from orograph.sensing.bodies import Bodies, Boxes
 from orograph.sensing.casting import RayCaster
-from orograph.sensing.kernels import range_image
+from orograph.sensing.ray_kernels import range_image
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
@@ -32,7 +32,7 @@ def _noise_quantiles(sigma_m: float) -> F32:
     return np.asarray(sigma_m * ndtri((np.arange(4096) + 0.5) / 4096), np.float32)
 
 
-class RangeCamera:
+class RangeImager:
     """Casts one range image's rays from a given pose and turns distances into ranges."""
 
     def __init__(self, scene: Scene, laser: LaserSpec) -> None:
@@ -67,7 +67,7 @@ class Laser:
     def __init__(self, scenario: Scenario, robot: str, scene: Scene) -> None:
         self._scenario, self._robot = scenario, robot
         self._own = robot_number(robot) - 1
-        self._camera, self._bodies = RangeCamera(scene, scenario.laser), Bodies(scenario)
+        self._camera, self._bodies = RangeImager(scene, scenario.laser), Bodies(scenario)
 
     def scan(self, poses: Packed, seed: int, frame: int) -> Packed | None:
         """Range image (rings, columns) u2 in RANGE_UNIT_M, 0 = no return; None while the robot itself is absent.

@@ -16,8 +16,8 @@ from orograph.scene.mesh import joined
 from orograph.scene.prior import COVERED
 from orograph.scene.terrain import ground_gradient
 from orograph.sensing.bodies import NO_BOXES
-from orograph.sensing.casting import embree_scene, limit
-from orograph.sensing.laser import RangeCamera, laser_position_m
+from orograph.sensing.casting import embree_scene, nearest_hits
+from orograph.sensing.laser import RangeImager, laser_position_m
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
@@ -33,9 +33,9 @@ def _heights_from_above(scene: Scene, grid: Grid) -> tuple[F64, npt.NDArray[np.b
     origins = (np.stack([x, y, np.full_like(x, above_m)], axis=-1).reshape(-1, 3) - centre_m).astype(np.float32)
     down = np.tile(np.array([0, 0, -1], np.float32), (grid.size, 1))
     depth = np.full(grid.size, np.inf, np.float32)
-    limit(embree_scene(EmbreeDevice(), ground, centre_m), origins, down, depth)
+    nearest_hits(embree_scene(EmbreeDevice(), ground, centre_m), origins, down, depth)
     to_ground = depth.copy()
-    limit(embree_scene(EmbreeDevice(), buildings, centre_m), origins, down, depth)
+    nearest_hits(embree_scene(EmbreeDevice(), buildings, centre_m), origins, down, depth)
     height = np.where(np.isinf(depth), np.nan, above_m - depth.astype(np.float64))
     return height.reshape(grid.shape), (depth < to_ground).reshape(grid.shape)
 
@@ -80,7 +80,7 @@ def dense_scans(scene: Scene, poses: npt.ArrayLike, density: int = 2) -> Iterato
     spec = scene.scenario.laser
     size = {"rings": spec.rings * density, "columns": spec.columns * density}
     laser = spec.model_copy(update={**size, "noise_m": 0.0, "dropout": 0.0})
-    camera = RangeCamera(scene, laser)
+    camera = RangeImager(scene, laser)
     no_draws = np.zeros((2, laser.rings * laser.columns), np.uint16)
     for x_m, y_m, yaw_rad in np.asarray(poses, np.float64).reshape(-1, 3):
         R_map_robot, position_m = standing(scene, x_m, y_m, yaw_rad)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph.scenario import RobotSpec
-from orograph.world.motor_kernel import ramp, servo_torques_nm
+from orograph.world.motor_kernels import ramp, servo_torques_nm
 from orograph.world.robot_body import WHEELS
 
 F64 = npt.NDArray[np.float64]

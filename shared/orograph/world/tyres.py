@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from orograph.scenario import RobotSpec
 from orograph.world.robot_body import AXLE_INERTIA_KGM2
-from orograph.world.tyre_kernel import ANGLE, SPEED, roll_all
+from orograph.world.tyre_kernels import ANGLE, SPEED, roll_all
 
 F64 = npt.NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import runpy
 
-from orograph.edge import store
 from orograph.protocol.store import Changes
+from orograph.storage import sqlite_store as store
 
 LATE = 25
 """Commits that are held back."""

@@ -7,8 +7,8 @@ import pytest
 import shapely
 from orograph.cli.import_osm import parse_bbox
 from orograph.cli.main import main
-from orograph.edge.scenario_file import load_scenario
-from orograph.scene.district import metres_per_degree
+from orograph.importers.district import metres_per_degree
+from orograph.storage.scenario_file import load_scenario
 
 BBOX = (24.0, 60.0, 24.004, 60.002)
 EAST_M, NORTH_M = metres_per_degree(60.001)

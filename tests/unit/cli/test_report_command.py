@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from orograph.cli import report
-from orograph.cli.errors import InputError
+from orograph.errors import InputError
 from orograph.report import folder
 
 

@@ -11,10 +11,11 @@ from typing import Any
 
 import pytest
 from orograph import keys
-from orograph.cli import launch, status
+from orograph.cli import status
 from orograph.cli.main import main
-from orograph.edge import wire
-from orograph.edge.bus import Bus
+from orograph.comms import wire
+from orograph.comms.bus import Bus
+from orograph.launch import processes as launch
 from orograph.messages import ManagerStatus, MappingStatus, RobotStatus
 from orograph.nodes.standing import Ears, MapStanding, RobotStanding, Standing
 from rich.console import Console

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 from orograph.cli import study
-from orograph.cli.errors import InputError
+from orograph.errors import InputError
 from orograph.scenario import Scenario
 
 
@@ -44,7 +44,7 @@ def test_each_number_is_run_once_and_told_beside_the_paper(
 ) -> None:
     monkeypatch.setattr(study, "load_scenario", lambda name: scenario)
     monkeypatch.setattr(study, "run", fake_run)
-    monkeypatch.setattr("orograph.report.same_cells.same_cells_times_s", lambda folders: {1: 450.0, 3: 150.0})
+    monkeypatch.setattr("orograph.judge.same_cells.same_cells_times_s", lambda folders: {1: 450.0, 3: 150.0})
     args = arguments("field", "--robots", "3,1,3", "--out", str(tmp_path / "new"))
     assert args.main(args) == 0
     rows = json.loads((tmp_path / "new" / "study.json").read_text())["rows"]

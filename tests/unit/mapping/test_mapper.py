@@ -12,7 +12,7 @@ from orograph.mapping import FusionRules, RobotMapper, fuse, reconstruct, rescal
 from orograph.mapping.cells import values_of
 from orograph.mapping.register_kernels import pack_cells
 from orograph.mapping.rescaling import expand
-from orograph.messages import OCCUPATION_ONE, RECORD, ROW_RECORD, UNKNOWN_OCCUPATION, Packed
+from orograph.messages import OCCUPATION_ONE, REGISTER, UNKNOWN_OCCUPATION, UPDATE, Packed
 from orograph.registers import pack
 from orograph.scenario import LaserSpec
 from orograph.stages import StageRecorder
@@ -41,7 +41,7 @@ def see(robot: RobotMapper, points: np.ndarray, at=(12.0, 12.0), stamp_ns: int =
 
 
 def rows(records: Packed, epoch: int = 1) -> Packed:
-    row = np.zeros(len(records), ROW_RECORD)
+    row = np.zeros(len(records), REGISTER)
     row["epoch"] = epoch
     for name in records.dtype.names:
         row[name] = records[name]
@@ -305,7 +305,7 @@ def test_compiled_registers_equal_the_packed_ones():
     values[6:9, 4] = 0.25, 0.5, 254.5
     values[10:40:3, 1], values[10:40:2, 2], values[10:60:4, 3] = np.nan, np.nan, np.nan
     cells, ticks = rng.permutation(500)[:300], rng.integers(0, 2**32, 500).astype(np.uint32)
-    found = np.zeros(300, RECORD)
+    found = np.zeros(300, UPDATE)
     pack_cells(cells, values, ticks, found)
     np.testing.assert_array_equal(found, pack(cells, ticks[cells], *values[cells].T))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from orograph.messages import ACKED, RECORD, ROW_RECORD, Ack, Batch, Digest, Hello, Welcome
+from orograph.messages import ACKED, REGISTER, UPDATE, Ack, Batch, Digest, Hello, Welcome
 from orograph.protocol.robot import RobotSync
 from orograph.protocol.tiles import Tiles
 
@@ -14,7 +14,7 @@ S = 1_000_000_000
 
 
 def records(cells, height: int) -> np.ndarray:
-    out = np.zeros(len(cells), RECORD)
+    out = np.zeros(len(cells), UPDATE)
     out["cell"], out["height"], out["confidence"] = cells, height, 50
     return out
 
@@ -23,12 +23,12 @@ class Joined:
     """A robot in epoch 1, stepped by hand."""
 
     def __init__(self) -> None:
-        prior = np.zeros(SIZE, RECORD)
+        prior = np.zeros(SIZE, UPDATE)
         prior["cell"] = np.arange(SIZE)
         self.sync, self.sent = RobotSync("robot_001", SHAPE, prior, bytes(range(16)), seed=1), []
         self.step(0)
         nonce = next(m.nonce for m in self.sent if isinstance(m, Hello))
-        self.step(0, Welcome(nonce, 1, 0, 1, np.zeros(0, ROW_RECORD)))
+        self.step(0, Welcome(nonce, 1, 0, 1, np.zeros(0, REGISTER)))
 
     def step(self, at_s: float, *inbox) -> None:
         self.sync.step(round(at_s * S), inbox, self.sent.append)

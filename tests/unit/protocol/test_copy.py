@@ -7,7 +7,7 @@ import hashlib
 import numpy as np
 import pytest
 from orograph.grid import Grid
-from orograph.messages import CELL, RECORD, Delta, Digest
+from orograph.messages import CELL, UPDATE, Delta, Digest
 from orograph.protocol.copy import GlrmCopy
 from orograph.protocol.tiles import TileHashes, Tiles, map_hash
 
@@ -16,7 +16,7 @@ SIZE = 45 * 25
 
 
 def some_prior() -> np.ndarray:
-    prior = np.zeros(SIZE, RECORD)
+    prior = np.zeros(SIZE, UPDATE)
     prior["cell"], prior["confidence"] = np.arange(SIZE), 32
     return prior
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.fold_oracle import ageing, fold_cell
-from orograph.messages import RECORD, ROW_RECORD, UNKNOWN_GRADIENT, UNKNOWN_OCCUPATION
-from orograph.protocol.fold import AGEING, REGISTER, VALUES, FoldRules, fold, fold_registers
+from orograph.messages import REGISTER, UNKNOWN_GRADIENT, UNKNOWN_OCCUPATION, UPDATE
+from orograph.protocol.fold import AGEING, ROBOT_REGISTER, VALUES, FoldRules, fold, fold_registers
 from orograph.scenario import RulesSpec
 
 PAPER, DEFAULT = FoldRules.paper(), FoldRules()
@@ -32,7 +32,7 @@ NOTHING = Cell()
 
 def one(prior: Cell, *registers: Cell, rules: FoldRules = DEFAULT) -> tuple[int, ...]:
     """The folded (height, gradient_x, gradient_y, occupation, confidence) of one cell."""
-    base, rows = np.zeros(1, RECORD), np.zeros((len(registers), 1), ROW_RECORD)
+    base, rows = np.zeros(1, UPDATE), np.zeros((len(registers), 1), REGISTER)
     for name, value in vars(prior).items():
         base[name] = value
     for line, register in enumerate(registers):
@@ -170,8 +170,8 @@ rule_sets = st.builds(
 @settings(max_examples=300, deadline=None)
 @given(cells, st.lists(cells, max_size=5), rule_sets)
 def test_fold_equals_the_reference(prior, registers, rules):
-    rows = np.zeros(len(registers), REGISTER)
-    base = np.zeros(1, RECORD)
+    rows = np.zeros(len(registers), ROBOT_REGISTER)
+    base = np.zeros(1, UPDATE)
     for name, value in vars(prior).items():
         base[name] = value
     for number, register in enumerate(registers):
@@ -184,9 +184,9 @@ def test_fold_equals_the_reference(prior, registers, rules):
 @settings(max_examples=50, deadline=None)
 @given(st.lists(cells, max_size=12), st.randoms(use_true_random=False))
 def test_map_depends_on_the_set_of_registers_alone(contributions, random):
-    prior = np.zeros(4, RECORD)
+    prior = np.zeros(4, UPDATE)
     prior["cell"], prior["confidence"] = np.arange(4), 32
-    rows = np.zeros(len(contributions), REGISTER)
+    rows = np.zeros(len(contributions), ROBOT_REGISTER)
     for i, contribution in enumerate(contributions):
         rows["cell"][i], rows["robot"][i] = i % 4, 1 + i // 4
         for name, value in vars(contribution).items():

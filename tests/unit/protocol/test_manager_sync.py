@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from orograph.messages import RECORD, Ack, Batch, CellsRequest, Delta, Digest, Fenced, Hello, Pose, Welcome
+from orograph.messages import UPDATE, Ack, Batch, CellsRequest, Delta, Digest, Fenced, Hello, Pose, Welcome
 from orograph.protocol.fold import FoldRules
 from orograph.protocol.manager import MESSAGES_PER_STEP, ManagerSync
 from orograph.protocol.store import MemoryStore, StoreFailed
@@ -16,13 +16,13 @@ NO_TILES = np.zeros(0, "<u2")
 
 
 def some_prior() -> np.ndarray:
-    prior = np.zeros(SIZE, RECORD)
+    prior = np.zeros(SIZE, UPDATE)
     prior["cell"], prior["confidence"] = np.arange(SIZE), 32
     return prior
 
 
 def records(cells, seq=1, height=100, tick=0, confidence=50) -> np.ndarray:
-    out = np.zeros(len(cells), RECORD)
+    out = np.zeros(len(cells), UPDATE)
     out["cell"], out["height"], out["tick"], out["confidence"] = cells, height, tick, confidence
     out["seq"] = seq
     return out

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from orograph.messages import ACKED, RECORD, ROW_RECORD, Ack, Batch, CellsRequest, Digest, Fenced, Hello, Pose, Welcome
+from orograph.messages import ACKED, REGISTER, UPDATE, Ack, Batch, CellsRequest, Digest, Fenced, Hello, Pose, Welcome
 from orograph.protocol.robot import RobotSync
 
 SHAPE = (40, 40)
@@ -14,19 +14,19 @@ S = 1_000_000_000
 
 
 def some_prior() -> np.ndarray:
-    prior = np.zeros(SIZE, RECORD)
+    prior = np.zeros(SIZE, UPDATE)
     prior["cell"], prior["confidence"] = np.arange(SIZE), 32
     return prior
 
 
 def records(cells, height=100, tick=0) -> np.ndarray:
-    out = np.zeros(len(cells), RECORD)
+    out = np.zeros(len(cells), UPDATE)
     out["cell"], out["height"], out["tick"], out["confidence"] = cells, height, tick, 50
     return out
 
 
 def row(cells, height=7) -> np.ndarray:
-    out = np.zeros(len(cells), ROW_RECORD)
+    out = np.zeros(len(cells), REGISTER)
     out["cell"], out["height"], out["confidence"], out["epoch"], out["seq"] = cells, height, 90, 1, 5
     return out
 

@@ -13,9 +13,9 @@ from made_up.run import leave
 from orograph import keys
 from orograph.layers import LAYERS
 from orograph.report import folder
-from orograph.report.folder import FolderError, compose, read_parts
-from orograph.report.parts import RunParts
+from orograph.report.folder import compose
 from orograph.stages import STAGES
+from orograph.storage.parts import FolderError, RunParts, read_parts
 
 KEYS = {
     "scenario", "seed", "robots", "mode", "commit", "sim_time_s", "wall_time_s", "rtf", "glrm_hash", "complete",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from orograph.messages import RECORD, UNKNOWN_GRADIENT
+from orograph.messages import UNKNOWN_GRADIENT, UPDATE
 from orograph.scenario import Scenario
 from orograph.scene.prior import building_cover, given_layers, prior_records
 
@@ -20,7 +20,7 @@ def scenario(**fields) -> Scenario:
 
 def test_sloping_ground_by_hand():
     records = prior_records(scenario(terrain={"height_m": 2.0, "slope_x": 0.1, "slope_y": -0.2}))
-    assert records.dtype == RECORD
+    assert records.dtype == UPDATE
     np.testing.assert_array_equal(records["cell"], np.arange(24))
     assert set(records["seq"]) == set(records["tick"]) == {0}
     cell = records[1 * 6 + 2]  # centre (12.5, 7.5): 2 + 1.25 - 1.5 m

@@ -15,7 +15,7 @@ from orograph.scenario import Building, RobotSpec, Scenario, Start, TerrainSpec
 from orograph.world import World
 from orograph.world.motors import effective_track_m
 from orograph.world.robot_body import AXLE_INERTIA_KGM2, WHEELS
-from orograph.world.tyre_kernel import axes_of, wheel_loads_n
+from orograph.world.tyre_kernels import axes_of, wheel_loads_n
 from orograph.world.tyres import TYRE_FRICTION, Tyres
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation

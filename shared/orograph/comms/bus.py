@@ -1,0 +1,123 @@
+"""One process's place on both planes: sessions, subscriptions, numbered sends, liveliness."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+
+import zenoh
+
+from orograph import keys
+from orograph.comms import wire
+from orograph.comms.mailbox import Mailbox
+from orograph.comms.session import client
+from orograph.messages import Message
+
+CONTROL = zenoh.Priority.INTERACTIVE_HIGH
+
+
+class Bus:
+    """Sessions by plane. The sim plane blocks rather than drops, as a wire loses nothing; the radio may lose."""
+
+    def __init__(self, sessions: dict[str, zenoh.Session]) -> None:
+        self.sessions = sessions
+        self.sent: Counter[tuple[str, str, str]] = Counter()
+        self.bytes_sent: Counter[tuple[str, str, str]] = Counter()
+        self._index: Counter[str] = Counter()
+        self._frame = -1
+
+    @classmethod
+    @contextmanager
+    def open(cls, sim: str, radio: str | None, stop: threading.Event) -> Iterator[Bus]:
+        """Connect to the planes' routers, waiting for them."""
+        with ExitStack() as stack:
+            sessions = {keys.SIM: stack.enter_context(client(sim, stop))}
+            if radio is not None:
+                sessions[keys.RADIO] = stack.enter_context(client(radio, stop))
+            yield cls(sessions)
+
+    def begin(self, frame: int) -> None:
+        """Start counting a new frame's messages."""
+        self._frame = frame
+        self._index.clear()
+        self.sent.clear()
+
+    def send(self, sender: str, plane: str, to: str, message: Message) -> None:
+        """Send one node's message, numbered within this frame."""
+        key = keys.message_key(plane, to, type(message).__name__, sender)
+        index = self._index[sender]
+        self._index[sender] += 1
+        for piece in wire.fragments(self._frame, index, wire.encode(message)):
+            self.bytes_sent[plane, to, sender] += len(piece)
+            self.sessions[plane].put(key, piece, congestion_control=_congestion(plane), express=True)
+        self.sent[plane, to, sender] += 1
+
+    def sent_table(self) -> dict[str, dict[str, dict[str, int]]]:
+        """This frame's messages as {plane: {to: {sender: n}}}."""
+        table: dict[str, dict[str, dict[str, int]]] = {}
+        for (plane, to, sender), n in self.sent.items():
+            table.setdefault(plane, {}).setdefault(to, {})[sender] = n
+        return table
+
+    def listen(self, nodes: Iterable[str], mailbox: Mailbox) -> None:
+        """Subscribe to these nodes' keys on every plane and be sure that the routers know it."""
+        for plane, session in self.sessions.items():
+            for key in sorted({k for name in nodes for k in keys.inbox_keys(plane, name)}):
+                # The subscriber lives as long as the session: dropping the handle of a callback subscriber keeps it.
+                session.declare_subscriber(key, lambda s: mailbox.add(str(s.key_expr), s.payload.to_bytes()))
+            self._round_trip(session)
+
+    def _round_trip(self, session: zenoh.Session) -> None:
+        """A liveliness query travels behind the declarations: its answer means that the router holds them."""
+        for _ in session.liveliness().get(keys.ALIVE_ALL, timeout=2.0):
+            pass
+
+    def hear(self, key: str, callback: Callable[[bytes], None]) -> None:
+        """Subscribe to one of the sim plane's control keys."""
+        self.sessions[keys.SIM].declare_subscriber(key, lambda s: callback(s.payload.to_bytes()))
+
+    def tell(self, key: str, payload: bytes) -> None:
+        """Send on one of the sim plane's control keys, ahead of data."""
+        self.sessions[keys.SIM].put(
+            key, payload, congestion_control=zenoh.CongestionControl.BLOCK, priority=CONTROL, express=True
+        )
+
+    def show(self, node_name: str, payload: bytes) -> None:
+        """Send figures for people; they may be dropped."""
+        self.sessions[keys.SIM].put(keys.telemetry_key(node_name), payload)
+
+    def token(self, service: str, instance: str, robots: tuple[str, ...]) -> zenoh.LivelinessToken:
+        """Say that this instance lives and which robots it holds, until the token is undeclared or the process dies."""
+        return self.sessions[keys.SIM].liveliness().declare_token(keys.alive_key(service, instance, robots))
+
+    def watch_alive(self, callback: Callable[[str, str, tuple[str, ...], bool], None]) -> None:
+        """Call back (service, instance, robots, alive) for every token there is and every change."""
+
+        def on_token(sample: zenoh.Sample) -> None:
+            service, instance, robots = keys.parse_alive_key(str(sample.key_expr))
+            callback(service, instance, robots, sample.kind == zenoh.SampleKind.PUT)
+
+        self.sessions[keys.SIM].liveliness().declare_subscriber(keys.ALIVE_ALL, on_token, history=True)
+
+    def ask(self, key: str, payload: bytes, timeout_s: float, plane: str = keys.SIM) -> bytes | None:
+        """The first answer to a query, None where nobody answers."""
+        get = self.sessions[plane].get
+        for reply in get(key, payload=payload, timeout=timeout_s, congestion_control=_congestion(plane)):
+            if reply.ok is not None:
+                return reply.ok.payload.to_bytes()
+        return None
+
+    def answer(self, key: str, reply: Callable[[bytes], bytes], plane: str = keys.SIM) -> None:
+        """Answer queries; a radio that has no room loses the answer."""
+
+        def on_query(query: zenoh.Query) -> None:
+            with query:
+                query.reply(key, reply(query.payload.to_bytes() if query.payload else b""))
+
+        self.sessions[plane].declare_queryable(key, on_query)
+
+
+def _congestion(plane: str) -> zenoh.CongestionControl:
+    return zenoh.CongestionControl.DROP if plane == keys.RADIO else zenoh.CongestionControl.BLOCK

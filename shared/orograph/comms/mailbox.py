@@ -1,0 +1,121 @@
+"""What a process has received and not yet stepped with; in lockstep nobody steps before it holds what was counted."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping
+
+from orograph import keys
+from orograph.comms import wire
+from orograph.messages import Bodies, Envelope, OccupancyGrid, Scan
+
+Route = tuple[str, str, str]
+"""(plane, to address, sender)."""
+NEWEST_ONLY = (Bodies, Scan, OccupancyGrid)
+"""Streams of which a late consumer wants the newest alone (paced time)."""
+PATIENCE_S = 2.0
+"""Longest wait for a counted message: the link's lease. It was lost if it takes longer."""
+CUT_PATIENCE_S = 0.05
+"""Wait per frame on a plane that has just been seen to lose messages, until it is whole again."""
+BOUND = 8_192
+
+
+class Mailbox:
+    """Bounded store of received envelopes; filled by Zenoh's callback threads, emptied by the stepping thread."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._joiner = wire.Joiner()
+        self._envelopes: list[Envelope] = []
+        self._arrived: Counter[tuple[int, Route]] = Counter()
+        self._cut: set[str] = set()
+        self._stepped = -1
+        self.counts: defaultdict[str, int] = defaultdict(int)
+        self.bytes_received: Counter[tuple[str, str, str]] = Counter()
+
+    @property
+    def waiting(self) -> int:
+        """Messages received and not yet taken."""
+        return len(self._envelopes)
+
+    def add(self, key: str, piece: bytes) -> None:
+        """Take one fragment off the wire; bad ones are counted by reason and change nothing."""
+        with self._changed:
+            try:
+                self._add(key, piece)
+            except (wire.Rejected, ValueError) as error:
+                self.counts[f"rejected_{getattr(error, 'reason', 'key')}"] += 1
+            self._changed.notify_all()
+
+    def _add(self, key: str, piece: bytes) -> None:
+        plane, to, kind, sender = keys.parse_message_key(key)
+        self.bytes_received[plane, to, sender] += len(piece)
+        whole = self._joiner.add(key, piece)
+        if whole is None:
+            return
+        frame, index, payload = whole
+        self._arrived[frame, (plane, to, sender)] += 1
+        message = wire.decode(kind, payload)
+        self._envelopes.append(Envelope(plane, to, sender, frame, index, message))
+        if len(self._envelopes) > BOUND:
+            del self._envelopes[0]
+            self.counts["overflowed"] += 1
+
+    def await_counted(self, frame: int, need: Mapping[Route, int], stop: threading.Event) -> int:
+        """Wait until all messages counted for `frame` are here; returns how many were given up as lost."""
+        missing = 0
+        for plane in keys.PLANES:
+            wanted = {route: n for route, n in need.items() if route[0] == plane and n}
+            if wanted:
+                missing += self._await_plane(plane, frame, wanted, stop)
+        self.counts["lost"] += missing
+        return missing
+
+    def _await_plane(self, plane: str, frame: int, wanted: Mapping[Route, int], stop: threading.Event) -> int:
+        deadline = time.monotonic() + (CUT_PATIENCE_S if plane in self._cut else PATIENCE_S)
+        with self._changed:
+            while (missing := self._missing(frame, wanted)) and not stop.is_set():
+                left = deadline - time.monotonic()
+                if left <= 0:
+                    self._cut.add(plane)
+                    return missing
+                self._changed.wait(min(left, 0.5))
+            self._cut.discard(plane)
+            return 0
+
+    def _missing(self, frame: int, wanted: Mapping[Route, int]) -> int:
+        return sum(max(0, n - self._arrived[frame, route]) for route, n in wanted.items())
+
+    def take(self, before: int, newest_only: bool) -> list[Envelope]:
+        """Remove and return what was sent in frames before `before`, ordered by (frame, sender, index)."""
+        with self._changed:
+            ready = [e for e in self._envelopes if e.frame < before]
+            self._envelopes = [e for e in self._envelopes if e.frame >= before]
+            for counted in [c for c in self._arrived if c[0] < before]:
+                del self._arrived[counted]
+        ready.sort(key=lambda e: (e.frame, e.sender, e.index))
+        return self._thin(ready) if newest_only else ready
+
+    def _thin(self, ready: list[Envelope]) -> list[Envelope]:
+        newest: dict[tuple[str, str, type, bool], Envelope] = {}
+        for e in ready:
+            if isinstance(e.message, NEWEST_ONLY):
+                newest[e.to, e.sender, type(e.message), getattr(e.message, "is_global", False)] = e
+        kept = [e for e in ready if not isinstance(e.message, NEWEST_ONLY) or e in newest.values()]
+        self.counts["skipped"] += len(ready) - len(kept)
+        return kept
+
+
+def routes_to(nodes: Iterable[str], counted: Mapping[str, Mapping[str, Mapping[str, int]]]) -> dict[Route, int]:
+    """From a tick's table {plane: {to: {sender: n}}}, what these nodes must hold before they step."""
+    names = list(nodes)
+    addresses = {*names, *(keys.group(keys.split(n)[0]) for n in names if keys.split(n)[1])}
+    return {
+        (plane, to, sender): n
+        for plane, table in counted.items()
+        for to, senders in table.items()
+        if to in addresses
+        for sender, n in senders.items()
+    }

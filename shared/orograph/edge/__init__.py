@@ -1,1 +1,0 @@
-"""The only files that import msgpack, zenoh, prometheus_client, os.environ and sqlite3."""

@@ -1,0 +1,1 @@
+"""From what a run left behind to its score and its checks, without a picture."""

@@ -1,0 +1,243 @@
+"""A run judged: scores, checks and the figures of summary.json."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph import keys
+from orograph.judge.checks import Check, Ledger, checks, copies_equal, is_own_fold, lost_cells, read_ledger
+from orograph.judge.reference import Reference
+from orograph.judge.score import MapScore, Truth, coverage, mapping_times_s, score_maps, truth_of_map
+from orograph.judge.timing import table_2
+from orograph.judge.tracks import Track, tracks
+from orograph.layers import CONFIDENT, CellMap, Layer
+from orograph.protocol.tiles import map_hash
+from orograph.registers import unpack
+from orograph.scene import Scene, build_scene
+from orograph.scene.prior import given_layers, prior_records
+from orograph.sensing.truth import top_surface
+from orograph.storage.parts import RunParts
+
+BUILDING_FROM_M = 1.0
+"""A cell counts as building where the true surface stands more than this above the ground."""
+NUMBERS = dict(enumerate(["Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten"], 2))
+GLRM_SAMPLES, HRM_SAMPLES = 8, 3
+"""Vertical rays per cell side: one every 0.6 m and every 0.17 m by default."""
+
+
+@dataclass(frozen=True)
+class RadioRow:
+    """One robot's dealings with the radio over the whole run; None where it is not known."""
+
+    robot: str
+    up_kb: float | None
+    up_kbps: float | None
+    down_kb: float | None
+    down_kbps: float | None
+    silent_s: float | None
+    acked: int | None
+    lost: int | None
+    equal: bool | None
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """Everything that page and summary say about a run."""
+
+    glrm: CellMap
+    prior: CellMap
+    scene: Scene
+    reference: Reference
+    surface: Truth
+    """The true top surface over the GLRM grid."""
+    glrm_score: tuple[MapScore, MapScore]
+    """Against the true surface, against ideal scans."""
+    hrm_score: tuple[MapScore, MapScore]
+    checks: list[Check]
+    tracks: Mapping[str, Track]
+    radio: list[RadioRow]
+    missing: tuple[str, ...]
+    summary: Mapping[str, Any]
+    sentence: str
+
+    @property
+    def good(self) -> bool:
+        """Every promise that could be checked was kept, and all could be."""
+        return all(check.ok for check in self.checks)
+
+    @property
+    def observable_cells(self) -> int:
+        """GLRM cells that the patrol can map."""
+        return int(self.reference.observable.sum())
+
+    @property
+    def driven_m(self) -> float:
+        """Length of all true paths together."""
+        return sum(track.length_m for track in self.tracks.values())
+
+
+def judge(parts: RunParts, reference: Reference) -> Verdict:
+    """Score a run and check its promises."""
+    ledger, scene = read_ledger(parts), build_scene(parts.scenario)
+    given = given_layers(parts.scenario)
+    prior = unpack(prior_records(parts.scenario), parts.glrm_grid, *given)
+    glrm = prior if ledger.glrm is None else unpack(ledger.glrm, parts.glrm_grid, *given)
+    surface, building = true_surface(scene, glrm, GLRM_SAMPLES)
+    glrm_score = _both([(glrm, surface, building)], [(glrm, truth_of_map(reference.glrm), building)])
+    hrm_score = _score_hrms(parts, scene, reference)
+    radio = [_radio(parts, ledger, robot) for robot in parts.robots]
+    figures = _figures(parts, ledger, glrm, reference, radio)
+    figures["score"] = {"glrm": _score_figures(glrm_score), "hrm": _score_figures(hrm_score)}
+    return Verdict(
+        glrm=glrm, prior=prior, scene=scene, reference=reference, surface=surface, glrm_score=glrm_score,
+        hrm_score=hrm_score, checks=checks(parts, ledger), tracks=tracks(parts), radio=radio, missing=parts.missing(),
+        summary=_json_ready(figures), sentence=sentence(parts, figures),
+    )  # fmt: skip
+
+
+def true_surface(scene: Scene, cells: CellMap, samples: int) -> tuple[Truth, npt.NDArray[np.bool_]]:
+    """The true top surface over a map's grid, and which cells hold a building."""
+    height, occupied = top_surface(scene, cells.grid, samples)
+    ground = scene.height_m(*np.meshgrid(*cells.grid.centres_m()))
+    building = np.nan_to_num(height - ground) > BUILDING_FROM_M
+    return Truth(height, occupied, np.isfinite(height)), building
+
+
+Pairs = list[tuple[CellMap, Truth, npt.NDArray[np.bool_]]]
+
+
+def _both(surface: Pairs, ideal: Pairs) -> tuple[MapScore, MapScore]:
+    return score_maps(surface), score_maps(ideal)
+
+
+def _score_hrms(parts: RunParts, scene: Scene, reference: Reference) -> tuple[MapScore, MapScore]:
+    surface: Pairs = []
+    ideal: Pairs = []
+    for _, hrm in parts.hrms():
+        truth, building = true_surface(scene, hrm, HRM_SAMPLES)
+        surface.append((hrm, truth, building))
+        ideal.append((hrm, truth_of_map(reference.hrm_over(hrm.grid)), building))
+    return _both(surface, ideal)
+
+
+def _figures(
+    parts: RunParts, ledger: Ledger, glrm: CellMap, reference: Reference, radio: list[RadioRow]
+) -> dict[str, Any]:
+    run, sim_s, wall_s = parts.run, parts.sim_time_s, float(parts.run["wall_time_s"])
+    told = [row for row in radio if row.robot in parts.staying or row.acked is not None]
+    return {
+        "scenario": parts.scenario.name,
+        "seed": run["seed"],
+        "robots": len(parts.robots),
+        "robots_gone": list(parts.gone),
+        "mode": run["mode"],
+        "runner": run.get("runner"),
+        "commit": run.get("commit"),
+        "complete": bool(run.get("complete")),
+        "deterministic": bool(run.get("deterministic")),
+        "sim_time_s": sim_s,
+        "wall_time_s": wall_s,
+        "rtf": sim_s / wall_s if wall_s > 0 else None,
+        "glrm_hash": None if ledger.glrm is None else map_hash(ledger.glrm).hex(),
+        "copies_hash_equal": copies_equal(parts, ledger),
+        "glrm_is_own_fold": is_own_fold(parts, ledger),
+        "coverage": coverage(glrm, reference.observable),
+        "observable_cells": int(reference.observable.sum()),
+        "mapping_time_s": {str(k): v for k, v in _mapping_times(parts, reference).items()},
+        "stages_ms": {row.stage: asdict(row.all) for row in table_2(parts)},
+        "bytes_up_per_robot_s": _mean([row.up_kbps for row in radio], 1000.0),
+        "bytes_down_per_robot_s": _mean([row.down_kbps for row in radio], 1000.0),
+        "cells_acked": _sum([row.acked for row in told]),
+        "cells_lost": _sum([row.lost for row in told]),
+        "missing_parts": list(parts.missing()),
+    }
+
+
+def _mapping_times(parts: RunParts, reference: Reference) -> dict[int, float | None]:
+    return mapping_times_s(first_confident_ns(parts), reference.observable)
+
+
+def first_confident_ns(parts: RunParts) -> npt.NDArray[np.int64]:
+    """Stamp (rows * cols,) at which each cell first had confidence 64; negative where it never had."""
+    return parts.of(keys.MANAGER).get("first_confident_ns", np.full(parts.glrm_grid.size, -1, np.int64))
+
+
+def _radio(parts: RunParts, ledger: Ledger, robot: str) -> RadioRow:
+    up, down, seconds = parts.bytes_up.get(robot), parts.bytes_down.get(robot), max(parts.sim_time_s, 1e-9)
+    track = tracks(parts).get(robot)
+    copy = ledger.copies.get(robot)
+    acked = len(ledger.acked[robot]) if robot in ledger.acked else None
+    return RadioRow(
+        robot=robot,
+        up_kb=None if up is None else up / 1000,
+        up_kbps=None if up is None else up / 1000 / seconds,
+        down_kb=None if down is None else down / 1000,
+        down_kbps=None if down is None else down / 1000 / seconds,
+        silent_s=None if track is None else sum(end - begin for begin, end in track.silences_s()),
+        acked=acked,
+        lost=None if acked is None or ledger.glrm is None else lost_cells(ledger, robot),
+        equal=None if copy is None or ledger.glrm is None else map_hash(copy) == map_hash(ledger.glrm),
+    )
+
+
+def _mean(values: list[float | None], factor: float) -> float | None:
+    known = [v for v in values if v is not None]
+    return factor * sum(known) / len(known) if known else None
+
+
+def _sum(values: list[int | None]) -> int | None:
+    return None if None in values else sum(v for v in values if v is not None)
+
+
+def _score_figures(pair: tuple[MapScore, MapScore]) -> dict[str, Any]:
+    return {truth: _flat(score) for truth, score in zip(("surface", "ideal"), pair, strict=True)}
+
+
+def _flat(score: MapScore) -> dict[str, Any]:
+    return {
+        **asdict(score.confident),
+        "occupation_iou": score.occupation_iou,
+        "open_ground": asdict(score.open_ground),
+        "buildings": asdict(score.buildings),
+        "by_confidence": [asdict(e) for e in score.by_confidence],
+    }
+
+
+def _json_ready(value: Any) -> Any:
+    """The same with None for NaN, which JSON does not know."""
+    if isinstance(value, dict):
+        return {k: _json_ready(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_json_ready(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def sentence(parts: RunParts, figures: Mapping[str, Any]) -> str:
+    """The run in two sentences."""
+    robots = len(parts.robots)
+    who = "One robot" if robots == 1 else f"{NUMBERS.get(robots, str(robots))} robots"
+    minutes, seconds = divmod(round(parts.sim_time_s), 60)
+    share = figures["coverage"]
+    covered = "an unknown share" if math.isnan(share) else f"{100 * share:.1f} %"
+    first = f"{who} mapped {covered} of what the patrol can see in {minutes} min {seconds:02d} s of simulation."
+    same = {
+        True: f"Every robot{' that stayed' * bool(parts.gone)} ended with the same map, bit for bit.",
+        False: "The robots' copies of the map differ.",
+        None: "",
+    }
+    return f"{first} {same[figures['copies_hash_equal']]}".strip()
+
+
+def glrm_errors(verdict: Verdict) -> tuple[Layer, Layer]:
+    """Height of the final GLRM minus the true surface and minus the ideal map [m], NaN where not confident."""
+    sure = verdict.glrm.confidence >= CONFIDENT
+    ideal = truth_of_map(verdict.reference.glrm)
+    surface = np.where(sure & verdict.surface.known, verdict.glrm.height - verdict.surface.height_m, np.nan)
+    rule = np.where(sure & ideal.known, verdict.glrm.height - ideal.height_m, np.nan)
+    return surface.astype(np.float32), rule.astype(np.float32)

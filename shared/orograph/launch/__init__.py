@@ -1,0 +1,1 @@
+"""How a mission is run: in one process, as processes, as a cluster; below services and the command line."""

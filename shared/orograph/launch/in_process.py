@@ -1,0 +1,71 @@
+"""A mission in this process: the same nodes over the seeded radio model, for tests and studies."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+from orograph import keys
+from orograph.comms import wire
+from orograph.launch.progress import OnProgress
+from orograph.node import Node
+from orograph.nodes.laser import LaserNode
+from orograph.nodes.map_manager import MapManagerNode
+from orograph.nodes.navigator import NavigatorNode
+from orograph.nodes.orchestrator import OrchestratorNode
+from orograph.nodes.robot_mapping import RobotMappingNode
+from orograph.nodes.world import WorldNode
+from orograph.runtime.rounds import Rounds
+from orograph.scenario import Scenario
+from orograph.stages import StageRecorder
+from orograph.storage.recording import Recording
+from orograph.storage.sqlite_store import SqliteStore
+
+SHOW_EVERY_S = 0.3
+
+
+def build_rounds(scenario: Scenario, out: Path, recording: Recording, stages: dict[str, StageRecorder]) -> Rounds:
+    """All nodes of a run; stage recorders are added to `stages`."""
+    robots = scenario.robot_ids
+    mapping = [keys.node(keys.MAPPING, r) for r in robots]
+    stages.update({name: StageRecorder(time.perf_counter_ns) for name in (keys.MANAGER, *mapping)})
+    store = SqliteStore(out / "map.sqlite", scenario.grid.grid.shape)
+    nodes: list[Node] = [
+        MapManagerNode(scenario, robots, store, stages[keys.MANAGER]),
+        OrchestratorNode(scenario, robots, scenario.seed),
+        *(LaserNode(scenario, r, scenario.seed, robots) for r in robots),
+        *(NavigatorNode(scenario, r, scenario.seed) for r in robots),
+        *(
+            RobotMappingNode(scenario, r, scenario.seed, r.encode().ljust(16, b"\0"), stages[name])
+            for r, name in zip(robots, mapping, strict=True)
+        ),
+    ]
+    world = WorldNode(scenario, robots, scenario.seed)
+    return Rounds(scenario, world, nodes, lambda m: len(wire.encode(m)) + wire.HEADER.size, recording.note)
+
+
+def run_in_process(scenario: Scenario, out: Path, on_progress: OnProgress) -> None:
+    """Run the mission whose resolved scenario is in out/parts to its end."""
+    with Recording(out, "in-process") as recording:
+        _run(scenario, out, recording, on_progress)
+
+
+def _run(scenario: Scenario, out: Path, recording: Recording, on_progress: OnProgress) -> None:
+    stages: dict[str, StageRecorder] = {}
+    rounds = build_rounds(scenario, out, recording, stages)
+    begin_s = shown_s = time.monotonic()
+    world = next(n for n in rounds.nodes if isinstance(n, WorldNode))
+    while world.ended is None:
+        rounds.step()
+        if time.monotonic() - shown_s > SHOW_EVERY_S:
+            shown_s = time.monotonic()
+            on_progress({n.name: dict(n.telemetry()) for n in rounds.nodes}, [])
+    for node in rounds.nodes:
+        recording.save(node)
+    for name, recorder in stages.items():
+        recording.save_stages(name, recorder)
+    recording.save_json("bytes-in-process", {"up": dict(rounds.bytes_up), "down": dict(rounds.bytes_down)})
+    recording.save_json("world", {
+        "sim_time_s": rounds.stamp_ns * 1e-9, "wall_time_s": time.monotonic() - begin_s,
+        "complete": world.ended.complete, "copies_equal": world.ended.copies_equal, "deterministic": True,
+    })  # fmt: skip

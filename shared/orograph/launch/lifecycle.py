@@ -1,0 +1,108 @@
+"""The life of a run, from a resolved scenario to a finished run folder."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import time
+from pathlib import Path
+from typing import Literal
+
+from pydantic import ValidationError
+
+from orograph.errors import InputError, RunError
+from orograph.launch.progress import OnProgress, unseen
+from orograph.scenario import Scenario
+
+
+def resolve(scenario: Scenario, robots: int | None, seed: int | None, time_scale: str | None) -> Scenario:
+    """The scenario with the command line's wishes in it; raises InputError for what it can't be."""
+    changes: dict[str, object] = {}
+    if robots is not None:
+        if not 1 <= robots <= scenario.max_robots:
+            raise InputError(f"--robots {robots}: {scenario.name} has starts for 1 to {scenario.max_robots} robots")
+        changes["robots"] = robots
+    if seed is not None:
+        changes["seed"] = seed
+    if time_scale is not None:
+        changes["time_scale"] = _scale(time_scale)
+    try:
+        return Scenario.model_validate({**scenario.model_dump(), **changes})
+    except ValidationError as error:
+        raise InputError("; ".join(f"--{e['loc'][0]}: {e['msg']}" for e in error.errors())) from None
+
+
+def _scale(text: str) -> Literal["max"] | float:
+    if text == "max":
+        return "max"
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"--time-scale {text}: expected max or a number such as 1.0") from None
+
+
+def run(
+    scenario: Scenario, out: Path | None, *, in_process: bool = False, capacity: int = 0,
+    ports: tuple[int, int] = (0, 0), on_progress: OnProgress = unseen,
+) -> Path:  # fmt: skip
+    """Run a resolved scenario to a finished run folder and return it; raises InputError, RunError."""
+    out = prepare_out(out, scenario)
+    begin_s = time.time()
+    if in_process:
+        from orograph.launch.in_process import run_in_process
+
+        run_in_process(scenario, out, on_progress)
+    else:
+        from orograph.launch.processes import run_processes
+
+        run_processes(scenario, out, capacity or default_capacity(scenario), ports, on_progress)
+    finish(scenario, out, "in-process" if in_process else "processes", begin_s)
+    return out
+
+
+def default_capacity(scenario: Scenario) -> int:
+    """One robot per process where there are cores for it; on a small machine processes are shared."""
+    return scenario.robots if (os.cpu_count() or 1) <= 2 else 1
+
+
+def prepare_out(out: Path | None, scenario: Scenario) -> Path:
+    """A new or empty run folder that says what is to run; raises InputError where it can't be had."""
+    if out is None:
+        out = next(p for i in range(1, 10_000) if not (p := Path("runs") / f"{scenario.name}-{i:03d}").exists())
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"--out {out}: not an empty folder; name a new one or remove it")
+    try:
+        (out / "parts").mkdir(parents=True)
+        (out / "parts" / "scenario.json").write_text(scenario.model_dump_json())
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None
+    return out
+
+
+def finish(scenario: Scenario, out: Path, runner: str, begin_s: float) -> None:
+    """Compose the finished run folder from what the services left; raises RunError where they left nothing."""
+    from orograph.report.folder import compose  # heavy: only once there is something to compose
+
+    world_json = out / "parts" / "world.json"
+    if not world_json.exists():
+        raise RunError(f"the world left no result; logs are in {out / 'logs'}")
+    run_json = {
+        "seed": scenario.seed, "robots": scenario.robots, "runner": runner, "commit": commit(),
+        "mode": "lockstep" if scenario.time_scale == "max" else "paced", "started_unix_s": begin_s,
+        **json.loads(world_json.read_text()),
+    }  # fmt: skip
+    (out / "parts" / "run.json").write_text(json.dumps(run_json))
+    compose(out)
+
+
+def commit() -> str:
+    """The checkout's commit, `-dirty` where files differ from it; `unknown` outside a checkout."""
+    try:
+        described = subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"],
+            cwd=Path(__file__).parent, capture_output=True, text=True, timeout=10, check=True,
+        )  # fmt: skip
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"
+    return described.stdout.strip()

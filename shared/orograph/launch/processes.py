@@ -1,0 +1,90 @@
+"""A mission as processes over Zenoh: two routers, the services, a listener for people; nothing here steps a node."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from orograph import keys
+from orograph.comms import wire
+from orograph.comms.session import client
+from orograph.errors import InputError, RunError
+from orograph.launch.progress import Figures, OnProgress
+from orograph.launch.supervisor import Supervisor
+from orograph.runtime.settings import Settings
+from orograph.scenario import Scenario
+
+POLL_S = 0.1
+
+
+def free_port(wanted: int = 0) -> int:
+    """A loopback port nobody listens on; raises InputError where the wanted one is taken."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", wanted))
+        except OSError as error:
+            raise InputError(f"port {wanted} on 127.0.0.1 is taken ({error.strerror}); choose another or 0") from None
+        return int(probe.getsockname()[1])
+
+
+def run_processes(
+    scenario: Scenario, out: Path, capacity: int, ports: tuple[int, int], on_progress: OnProgress,
+    on_started: Callable[[Supervisor], None] | None = None,
+) -> None:  # fmt: skip
+    """Run the mission whose resolved scenario is in out/parts to its end; raises RunError when it can't be."""
+    sim, radio = (f"tcp/127.0.0.1:{free_port(p)}" for p in ports)
+    settings = Settings(sim, radio, out.resolve(), capacity)
+    with Supervisor(settings.environment, out / "logs") as supervisor:
+        supervisor.start("router-sim", "services.router", "--listen", sim)
+        supervisor.start("router-radio", "services.router", "--listen", radio)
+        supervisor.start(keys.WORLD, "services.world", essential=True)
+        supervisor.start(keys.MANAGER, "services.map_manager")
+        supervisor.start(
+            keys.ORCHESTRATOR, "services.orchestrator", "--run", ".", "--scenario", str(out / "parts" / "scenario.json")
+        )
+        for service in keys.ROBOT_SERVICES:
+            for i in range(-(-len(scenario.robot_ids) // capacity)):
+                supervisor.start(f"{service}-{i + 1}", f"services.{service.replace('-', '_')}")
+        if on_started is not None:
+            on_started(supervisor)
+        _follow(supervisor, sim, out, on_progress)
+
+
+def _follow(supervisor: Supervisor, sim: str, out: Path, on_progress: OnProgress) -> None:
+    figures: Figures = {}
+    stop = threading.Event()
+    listener = threading.Thread(target=_listen, args=(sim, figures, stop), daemon=True)
+    listener.start()
+    try:
+        while not supervisor.poll():
+            on_progress(figures, supervisor.restarts)
+            time.sleep(POLL_S)
+    finally:
+        stop.set()
+        listener.join(5)
+    if not (out / "parts" / "world.json").exists():
+        raise RunError(f"the services ended without a result; their logs are in {out / 'logs'}")
+
+
+def _listen(sim: str, figures: Figures, stop: threading.Event) -> None:
+    def on_figures(key: str, payload: bytes) -> None:
+        service, robot = key.split("/")[2:4]
+        name = service if robot == keys.NONE else keys.node(service, robot)
+        figures[name] = _floats(wire.unpack_plain(payload))
+
+    try:
+        with client(sim, stop) as session:
+            session.declare_subscriber(
+                f"{keys.TELEMETRY}/**", lambda s: on_figures(str(s.key_expr), s.payload.to_bytes())
+            )
+            stop.wait()
+    except InterruptedError:
+        return
+
+
+def _floats(figures: Mapping[str, object]) -> dict[str, float]:
+    return {str(k): float(v) for k, v in figures.items() if isinstance(v, (int, float))}

@@ -1,0 +1,109 @@
+"""Starts services as processes, restarts what dies as a container's restart policy would, ends everything."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from orograph.errors import RunError
+
+DEATHS_WINDOW_S = 30.0
+DEATHS_MAX = 3
+"""One more death within the window ends the run."""
+STOP_S = 6.0
+LAST_LINES = 12
+
+
+@dataclass
+class Child:
+    """One service process and its history."""
+
+    name: str
+    module: str
+    arguments: tuple[str, ...]
+    log: Path
+    essential: bool = False
+    """Its death can't be made good by starting it again: the simulated reality."""
+    process: subprocess.Popen[bytes] | None = None
+    deaths_s: list[float] = field(default_factory=list)
+
+    def last_lines(self) -> str:
+        """The end of its log."""
+        lines = self.log.read_text(errors="replace").splitlines() if self.log.exists() else []
+        return "\n".join(f"    {line}" for line in lines[-LAST_LINES:])
+
+
+class Supervisor:
+    """Use as a context manager: leaving it ends every process it started."""
+
+    def __init__(self, environment: Mapping[str, str], log_dir: Path) -> None:
+        self._environment, self._log_dir = dict(environment), log_dir
+        self.children: list[Child] = []
+        self.restarts: list[str] = []
+        log_dir.mkdir(parents=True, exist_ok=True)
+
+    def __enter__(self) -> Supervisor:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def start(self, name: str, module: str, *arguments: str, essential: bool = False) -> Child:
+        """Start `python -m <module>`; its output goes to logs/<name>.log."""
+        child = Child(name, module, arguments, self._log_dir / f"{name}.log", essential)
+        self._spawn(child)
+        self.children.append(child)
+        return child
+
+    def _spawn(self, child: Child) -> None:
+        if child.process is not None and child.process.stdin is not None:
+            child.process.stdin.close()
+        with child.log.open("ab") as log:
+            child.process = subprocess.Popen(
+                [sys.executable, "-m", child.module, "--with-parent", *child.arguments],
+                env=self._environment, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True,
+            )  # fmt: skip
+
+    def poll(self) -> bool:
+        """Restart what died; True when every service has ended well. Raises RunError when a death can't be mended."""
+        running = False
+        for child in self.children:
+            assert child.process is not None
+            code = child.process.poll()
+            if code is None:
+                running = running or not child.name.startswith("router")
+            elif code != 0:
+                self._mend(child, code)
+                running = True
+        return not running
+
+    def _mend(self, child: Child, code: int) -> None:
+        now = time.monotonic()
+        child.deaths_s = [t for t in child.deaths_s if now - t < DEATHS_WINDOW_S] + [now]
+        how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+        if child.essential or len(child.deaths_s) > DEATHS_MAX:
+            why = "it holds the simulated reality" if child.essential else f"{len(child.deaths_s)} times within 30 s"
+            raise RunError(f"{child.name} died ({how}; {why}). Its last lines ({child.log}):\n{child.last_lines()}")
+        self.restarts.append(f"{child.name} ({how})")
+        self._spawn(child)
+
+    def stop(self) -> None:
+        """SIGTERM to all, SIGKILL to those still there after a few seconds."""
+        alive = [c.process for c in self.children if c.process is not None and c.process.poll() is None]
+        for process in alive:
+            process.terminate()
+        deadline = time.monotonic() + STOP_S
+        for process in alive:
+            try:
+                process.wait(max(0.1, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        for child in self.children:
+            if child.process is not None and child.process.stdin is not None:
+                child.process.stdin.close()

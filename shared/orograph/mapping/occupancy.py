@@ -1,0 +1,50 @@
+"""What planning is told of the HRM: own evidence over the prior, and elsewhere what the robot was told."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph.mapping.cells import Values
+from orograph.mapping.evidence import Evidence
+from orograph.mapping.occupancy_kernels import planning_codes
+from orograph.mapping.rolling import roll_into
+from orograph.mapping.rules import RuleNumbers
+from orograph.messages import UNKNOWN_OCCUPATION
+
+Codes = npt.NDArray[np.uint8]
+"""Occupation in 1/254, 255 unknown."""
+
+
+class OccupancyView:
+    """Occupation codes over the evidence's window, which roll with it; only what changed is computed."""
+
+    def __init__(self, evidence: Evidence, rules: RuleNumbers) -> None:
+        self._evidence, self._rules = evidence, rules
+        side, blocks = evidence.blocks * evidence.factor, evidence.blocks
+        self._codes: Codes = np.full((side, side), UNKNOWN_OCCUPATION, np.uint8)
+        self._told: Codes = np.full((blocks, blocks), UNKNOWN_OCCUPATION, np.uint8)
+        self._window: tuple[int, int] | None = None
+        self._prior: Values | None = None
+
+    def codes(self, prior: Values, told: Codes) -> Codes:
+        """Codes (rows, cols) of the evidence over `prior` (cells, 5), of `told` (cells,) where there is no evidence."""
+        evidence = self._evidence
+        assert evidence.window is not None, "no scan yet"
+        self._roll_to(evidence.window)
+        if prior is not self._prior:
+            self._prior, evidence.stale[:] = prior, True
+        planning_codes(
+            evidence.values, prior, told, evidence.glrm.shape, evidence.window, evidence.factor, self._rules,
+            evidence.stale.reshape(-1), self._told.reshape(-1), self._codes,
+        )  # fmt: skip
+        return self._codes.copy()
+
+    def _roll_to(self, window: tuple[int, int]) -> None:
+        """What enters is stale in the evidence's eyes, so its old codes here do no harm."""
+        if self._window is not None and self._window != window:
+            rows, cols = window[0] - self._window[0], window[1] - self._window[1]
+            factor, codes, told = self._evidence.factor, self._codes.copy(), self._told.copy()
+            roll_into(self._codes, codes, (rows * factor, cols * factor))
+            roll_into(self._told, told, (rows, cols))
+        self._window = window

@@ -1,0 +1,1 @@
+"""One robot's navigator: pose, planning, following, the way back."""

@@ -1,0 +1,74 @@
+"""What runs, asked over the sim plane: services share neither a folder nor an environment to know it."""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from orograph import keys
+from orograph.comms import wire
+from orograph.comms.bus import Bus
+from orograph.runtime.watchdog import Watchdog
+from orograph.scenario import Scenario
+
+ASK_EVERY_S = 0.3
+SCENARIO_MAX_BYTES = 32_000_000
+
+log = logging.getLogger("orograph")
+
+
+@dataclass(frozen=True)
+class Briefing:
+    """A run: its resolved scenario, and its name, that of its folder in run_dir (".": run_dir itself)."""
+
+    scenario: Scenario
+    run_dir: Path
+    run: str = "."
+
+    @property
+    def folder(self) -> Path:
+        """This process's folder of the run."""
+        return self.run_dir / self.run
+
+
+def answer(bus: Bus, briefing: Briefing) -> None:
+    """Tell whoever asks, as long as the bus is open."""
+    told = {"run": briefing.run, "scenario": zlib.compress(briefing.scenario.model_dump_json().encode())}
+    payload = wire.pack_plain(told)
+    bus.answer(keys.BRIEFING, lambda _: payload)
+
+
+def ask(bus: Bus, run_dir: Path, timeout_s: float = 2.0) -> Briefing | None:
+    """What runs, None where nobody knows yet."""
+    reply = bus.ask(keys.BRIEFING, b"", timeout_s)
+    if reply is None:
+        return None
+    told = wire.unpack_plain(reply)
+    text = zlib.decompressobj().decompress(told["scenario"], SCENARIO_MAX_BYTES)
+    return Briefing(Scenario.model_validate(json.loads(text)), run_dir, told["run"])
+
+
+def await_briefing(bus: Bus, run_dir: Path, watchdog: Watchdog) -> Briefing | None:
+    """Ask until somebody knows, saying so once; None when told to stop."""
+    said = False
+    while not watchdog.stop.is_set():
+        watchdog.alive(ready=False)
+        if (briefing := ask(bus, run_dir)) is not None:
+            return briefing
+        if not said:
+            log.info("waiting for the orchestrator to say what runs")
+        said = True
+        watchdog.stop.wait(ASK_EVERY_S)
+    return None
+
+
+def running(bus: Bus, run_dir: Path, watchdog: Watchdog, within_s: float) -> Briefing | None:
+    """The run that a living world knows of, None where none answers in time: an orchestrator that starts asks first."""
+    deadline_s = time.monotonic() + within_s
+    while (briefing := ask(bus, run_dir)) is None and time.monotonic() < deadline_s:
+        watchdog.stop.wait(ASK_EVERY_S)
+    return briefing

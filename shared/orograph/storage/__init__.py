@@ -1,0 +1,1 @@
+"""Files and SQLite: the run folder, scenario files, the Map Manager's store."""

@@ -1,0 +1,190 @@
+"""What the services left behind, as one object: the only input of score, checks and report."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph import keys
+from orograph.grid import Grid
+from orograph.layers import MAPPED_LAYERS, CellMap, Layer
+from orograph.scenario import Scenario
+
+PARTS, SUMMARY, REPORT, EVENTS, GLRM = "parts", "summary.json", "report.html", "events.jsonl", "glrm.npz"
+NODE_FILE = re.compile(r"(?P<service>[a-z-]+?)(?:-(?P<robot>robot_[0-9]{3}))?")
+Arrays = Mapping[str, npt.NDArray[Any]]
+EMPTY: Arrays = {}
+
+
+@dataclass(frozen=True, eq=False)
+class RunParts:
+    """One run: its scenario, what the runner says of it, each node's artifacts, timings, radio bytes and events."""
+
+    scenario: Scenario
+    run: Mapping[str, Any]
+    """seed, robots, mode, runner, commit, sim_time_s, wall_time_s, complete, copies_equal, deterministic."""
+    nodes: Mapping[str, Arrays]
+    """Node name (`laser/robot_001`) -> artifacts."""
+    stages_ns: Mapping[str, Mapping[str, npt.NDArray[np.int64]]] = field(default_factory=dict)
+    """Node name -> stage -> durations [ns]."""
+    bytes_up: Mapping[str, int] = field(default_factory=dict)
+    """Robot -> bytes it sent on the radio plane."""
+    bytes_down: Mapping[str, int] = field(default_factory=dict)
+    events: tuple[Mapping[str, Any], ...] = ()
+    """Ordered by stamp_ns."""
+
+    @property
+    def robots(self) -> tuple[str, ...]:
+        """Ids of the run's robots."""
+        return tuple(keys.robot_id(i + 1) for i in range(int(self.run["robots"])))
+
+    @property
+    def gone(self) -> tuple[str, ...]:
+        """Robots that left before the end, or never came: the run ended without waiting for them."""
+        return tuple(keys.robot_id(int(number)) for number in self.of(keys.ORCHESTRATOR).get("gone", ()))
+
+    @property
+    def staying(self) -> tuple[str, ...]:
+        """Robots that were there at the end."""
+        return tuple(robot for robot in self.robots if robot not in self.gone)
+
+    @property
+    def glrm_grid(self) -> Grid:
+        """The scenario's GLRM grid."""
+        return self.scenario.grid.grid
+
+    @property
+    def sim_time_s(self) -> float:
+        """Length of the run in simulation time."""
+        return float(self.run["sim_time_s"])
+
+    def phase_began_s(self, name: str) -> float | None:
+        """Simulation time at which a phase of the run began, None if it never did."""
+        arrays = self.of(keys.ORCHESTRATOR)
+        began = dict(zip(arrays.get("phase_names", ()), arrays.get("phase_stamps_ns", ()), strict=True))
+        return float(began[name]) / 1e9 if name in began else None
+
+    def waypoints_visited(self) -> int | None:
+        """How many of the patrol's waypoints were visited by anybody."""
+        visited = self.of(keys.ORCHESTRATOR).get("visited_ns")
+        return None if visited is None else int((visited >= 0).sum())
+
+    def of(self, service: str, robot: str | None = None) -> Arrays:
+        """Artifacts of a node, empty where it left none."""
+        return self.nodes.get(keys.node(service, robot), EMPTY)
+
+    def missing(self) -> tuple[str, ...]:
+        """Nodes that should have left artifacts and did not."""
+        wanted = [keys.node(s) for s in (keys.WORLD, keys.MANAGER, keys.ORCHESTRATOR)]
+        wanted += [keys.node(s, r) for r in self.robots for s in keys.ROBOT_SERVICES]
+        return tuple(name for name in wanted if name not in self.nodes)
+
+    def hrm(self, robot: str) -> CellMap | None:
+        """A robot's last HRM (evidence over the prior), None where it left none."""
+        arrays = self.of(keys.MAPPING, robot)
+        if any(f"hrm_{name}" not in arrays for name in MAPPED_LAYERS):
+            return None
+        height = arrays["hrm_height"]
+        x0, y0 = (float(v) for v in arrays["hrm_origin_m"])
+        shape = (int(height.shape[0]), int(height.shape[1]))
+        out = CellMap.unknown(Grid((x0, y0), float(arrays["hrm_cell_m"]), shape))
+        for name in MAPPED_LAYERS:
+            getattr(out, name)[...] = arrays[f"hrm_{name}"]
+        return out
+
+    def hrms(self) -> Iterator[tuple[str, CellMap]]:
+        """Pairs (robot, HRM) of those that left one."""
+        for robot in self.robots:
+            hrm = self.hrm(robot)
+            if hrm is not None:
+                yield robot, hrm
+
+    def initial_hrm_height(self, robot: str) -> tuple[Grid, Layer] | None:
+        """Grid and height layer of a robot's HRM before its first scan."""
+        arrays = self.of(keys.MAPPING, robot)
+        if "initial_hrm_height" not in arrays:
+            return None
+        height: Layer = arrays["initial_hrm_height"].astype(np.float32)
+        x0, y0 = (float(v) for v in arrays["initial_hrm_origin_m"])
+        return Grid((x0, y0), float(arrays["hrm_cell_m"]), (int(height.shape[0]), int(height.shape[1]))), height
+
+
+class FolderError(ValueError):
+    """A folder that holds no run; the message says what is missing."""
+
+
+def read_parts(out: Path) -> RunParts:
+    """What a run left in `out`/parts; raises FolderError when the run or its scenario cannot be read."""
+    parts = out / PARTS
+    up, down = _bytes(parts)
+    return RunParts(
+        scenario=Scenario.model_validate_json(_text(parts / "scenario.json")),
+        run=json.loads(_text(parts / "run.json")),
+        nodes=dict(_node_arrays(parts)),
+        stages_ns=dict(_stages(parts)),
+        bytes_up=up,
+        bytes_down=down,
+        events=_events(parts / "events"),
+    )
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise FolderError(
+            f"{path} cannot be read ({error.strerror}): is {path.parent.parent} the folder of a run?"
+        ) from error
+
+
+def _node_name(stem: str) -> str | None:
+    found = NODE_FILE.fullmatch(stem)
+    if found is None or found["service"] not in keys.SERVICES:
+        return None
+    return keys.node(found["service"], found["robot"])
+
+
+def _node_arrays(parts: Path) -> Iterator[tuple[str, Arrays]]:
+    for path in sorted(parts.glob("*.npz")):
+        name = _node_name(path.stem)
+        if name is not None:
+            with np.load(path, allow_pickle=False) as arrays:
+                yield name, {key: arrays[key] for key in arrays.files}
+
+
+def _stages(parts: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    for path in sorted(parts.glob("stages-*.json")):
+        name = _node_name(path.stem.removeprefix("stages-").rstrip("-"))
+        if name is not None:
+            yield name, {s: np.array(ns, np.int64) for s, ns in json.loads(_text(path)).items()}
+
+
+def _bytes(parts: Path) -> tuple[dict[str, int], dict[str, int]]:
+    total: dict[str, dict[str, int]] = {"up": {}, "down": {}}
+    for path in sorted(parts.glob("bytes-*.json")):
+        counted: Mapping[str, Mapping[str, int]] = json.loads(_text(path))
+        for way, sums in total.items():
+            for robot, n in counted.get(way, {}).items():
+                sums[robot] = sums.get(robot, 0) + int(n)
+    return total["up"], total["down"]
+
+
+def _events(folder: Path) -> tuple[Mapping[str, Any], ...]:
+    lines = [line for path in sorted(folder.glob("*.jsonl")) for line in _text(path).splitlines()]
+    return tuple(sorted((e for e in map(_event, lines) if e is not None), key=lambda e: int(e.get("stamp_ns", 0))))
+
+
+def _event(line: str) -> Mapping[str, Any] | None:
+    """One event; None for a line cut short by a service's death."""
+    try:
+        event = json.loads(line)
+    except json.JSONDecodeError:
+        return None
+    return event if isinstance(event, dict) else None

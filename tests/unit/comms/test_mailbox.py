@@ -1,0 +1,78 @@
+"""The mailbox: counted messages are awaited, lost ones are named, order never depends on arrival."""
+
+import threading
+import time
+
+import numpy as np
+from orograph import keys
+from orograph.comms import wire
+from orograph.comms.mailbox import CUT_PATIENCE_S, Mailbox, routes_to
+from orograph.messages import POSE, Bodies, Drive
+
+STOP = threading.Event()
+
+
+def _post(box: Mailbox, sender: str, frame: int, index: int, to: str = "world", plane: str = keys.SIM) -> None:
+    for piece in wire.fragments(frame, index, wire.encode(Drive(frame, float(index), 0.0))):
+        box.add(keys.message_key(plane, to, "Drive", sender), piece)
+
+
+def test_messages_come_out_by_sender_and_index_whatever_the_arrival() -> None:
+    box = Mailbox()
+    for sender, index in [("navigator/robot_002", 0), ("navigator/robot_001", 1), ("navigator/robot_001", 0)]:
+        _post(box, sender, 4, index)
+    taken = [(e.sender, e.index) for e in box.take(5, newest_only=False)]
+    assert taken == [("navigator/robot_001", 0), ("navigator/robot_001", 1), ("navigator/robot_002", 0)]
+    assert box.take(5, newest_only=False) == []
+
+
+def test_a_message_of_this_frame_waits_for_the_next() -> None:
+    box = Mailbox()
+    _post(box, "navigator/robot_001", 5, 0)
+    assert box.take(5, newest_only=False) == []
+    assert len(box.take(6, newest_only=False)) == 1
+
+
+def test_a_counted_message_is_awaited() -> None:
+    box = Mailbox()
+    threading.Timer(0.05, _post, (box, "navigator/robot_001", 7, 0)).start()
+    assert box.await_counted(7, {(keys.SIM, "world", "navigator/robot_001"): 1}, STOP) == 0
+
+
+def test_a_lost_message_is_given_up_once_and_the_plane_is_then_not_trusted() -> None:
+    box = Mailbox()
+    box_patience = {(keys.RADIO, "map-manager", "robot-mapping/robot_001"): 2}
+    _post(box, "robot-mapping/robot_001", 1, 0, "map-manager", keys.RADIO)
+    assert box.await_counted(1, box_patience, STOP) == 1
+    begin = time.monotonic()
+    assert box.await_counted(2, box_patience, STOP) == 2
+    assert time.monotonic() - begin < 20 * CUT_PATIENCE_S
+    assert box.counts["lost"] == 3
+
+
+def test_a_stream_late_in_paced_time_keeps_its_newest_and_counts_the_rest() -> None:
+    box = Mailbox()
+    for frame in range(3):
+        for piece in wire.fragments(frame, 0, wire.encode(Bodies(frame, np.zeros(1, POSE)))):
+            box.add(keys.message_key(keys.SIM, "laser/*", "Bodies", "world"), piece)
+        _post(box, "navigator/robot_001", frame, 0)
+    taken = box.take(3, newest_only=True)
+    assert [e.message.stamp_ns for e in taken if isinstance(e.message, Bodies)] == [2]
+    assert sum(isinstance(e.message, Drive) for e in taken) == 3
+    assert box.counts["skipped"] == 2
+
+
+def test_bad_pieces_and_keys_are_counted_and_change_nothing() -> None:
+    box = Mailbox()
+    box.add("og/sim/world/-/Drive/navigator/robot_001", b"short")
+    box.add("og/nowhere", b"x" * 40)
+    (piece,) = wire.fragments(0, 0, b"not msgpack")
+    box.add("og/sim/world/-/Drive/navigator/robot_001", piece)
+    assert box.counts == {"rejected_size": 1, "rejected_key": 1, "rejected_msgpack": 1}
+    assert box.take(9, newest_only=False) == []
+
+
+def test_routes_are_a_nodes_own_and_its_groups() -> None:
+    table = {"sim": {"laser/*": {"world": 1}, "laser/robot_002": {"world": 2}}, "radio": {"map-manager": {"x": 3}}}
+    assert routes_to(["laser/robot_001"], table) == {("sim", "laser/*", "world"): 1}
+    assert routes_to(["map-manager"], table) == {("radio", "map-manager", "x"): 3}

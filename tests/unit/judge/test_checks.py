@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from orograph import keys
+from orograph.judge.checks import Check, checks, copies_equal, lost_cells, own_fold, read_ledger
+from orograph.storage.parts import RunParts
+
+ROBOT = keys.node(keys.MAPPING, "robot_001")
+Change = Callable[[np.ndarray], np.ndarray]
+
+
+def with_array(parts: RunParts, node: str, name: str, change: Change) -> RunParts:
+    arrays = {**parts.nodes[node], name: change(parts.nodes[node][name].copy())}
+    return replace(parts, nodes={**parts.nodes, node: arrays})
+
+
+def judged(parts: RunParts) -> list[bool | None]:
+    return [check.ok for check in checks(parts, read_ledger(parts))]
+
+
+def raised(field: str) -> Change:
+    """One more in the first record that holds something."""
+
+    def change(records: np.ndarray) -> np.ndarray:
+        records[field][np.flatnonzero(records["confidence"] > 0)[0]] += 1
+        return records
+
+    return change
+
+
+def test_a_good_run_keeps_every_promise(city_run: RunParts) -> None:
+    assert judged(city_run) == [True] * 5
+
+
+def test_one_bit_in_one_copy_is_found(city_run: RunParts) -> None:
+    bad = with_array(city_run, ROBOT, "copy", raised("height"))
+    assert judged(bad) == [True, True, False, True, True]
+    assert copies_equal(bad, read_ledger(bad)) is False
+
+
+def test_who_has_gone_is_judged_by_what_was_acknowledged_alone(city_run: RunParts) -> None:
+    left = with_array(with_array(city_run, ROBOT, "copy", raised("height")), ROBOT, "registers", raised("height"))
+    assert judged(left) == [True, True, False, False, True]
+    orchestrator = {**left.nodes[keys.ORCHESTRATOR], "gone": np.array([1], np.uint16)}
+    left = replace(left, nodes={**left.nodes, keys.ORCHESTRATOR: orchestrator})
+    assert judged(left) == [True] * 5
+    assert judged(with_array(left, keys.MANAGER, "registers", lambda held: held[held["robot"] != 1]))[-1] is False
+    nothing = replace(left, nodes={name: arrays for name, arrays in left.nodes.items() if name != ROBOT})
+    assert judged(nothing) == [True] * 5
+
+
+def test_a_version_is_no_part_of_the_map(city_run: RunParts) -> None:
+    assert judged(with_array(city_run, ROBOT, "copy", raised("version"))) == [True] * 5
+
+
+def test_evidence_that_the_manager_folded_otherwise_is_found(city_run: RunParts) -> None:
+    bad = with_array(city_run, ROBOT, "registers", raised("height"))
+    assert judged(bad) == [True, True, True, False, True]
+
+
+def test_the_fold_is_made_without_the_managers_registers(city_run: RunParts) -> None:
+    bad = with_array(city_run, keys.MANAGER, "registers", lambda held: held[:0])
+    wanted = own_fold(bad, read_ledger(bad))
+    assert np.array_equal(wanted["height"], bad.nodes[keys.MANAGER]["glrm"]["height"])
+
+
+def test_lost_and_outdated_cells_are_counted(city_run: RunParts) -> None:
+    assert lost_cells(read_ledger(city_run), "robot_001") == 0
+
+    def forget(held: np.ndarray) -> np.ndarray:
+        first = np.flatnonzero(held["robot"] == 1)
+        held["tick"][first[:2]] -= 1
+        return np.delete(held, first[2:5])
+
+    bad = with_array(city_run, keys.MANAGER, "registers", forget)
+    assert lost_cells(read_ledger(bad), "robot_001") == 5
+    assert lost_cells(read_ledger(bad), "robot_002") == 0
+    assert judged(bad)[-1] is False
+
+
+def test_a_newer_register_at_the_manager_is_not_lost(city_run: RunParts) -> None:
+    assert judged(with_array(city_run, keys.MANAGER, "registers", raised("tick")))[-1] is True
+
+
+def test_what_is_missing_is_neither_kept_nor_broken(without: Callable[..., RunParts]) -> None:
+    assert judged(without(keys.MANAGER))[2:] == [None, None, None]
+    assert judged(without(ROBOT))[2:] == [None, None, None]
+
+
+def test_an_unfinished_run_says_so(city_run: RunParts) -> None:
+    bad = replace(city_run, run={**city_run.run, "complete": False, "deterministic": False})
+    found: list[Check] = checks(bad, read_ledger(bad))
+    assert [c.ok for c in found[:2]] == [False, False]
+    assert "Time was up" in found[0].found
