@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from orograph.arrays import F32, F64
+
 if TYPE_CHECKING:
     from orograph.scenario import LaserSpec
-
-F64 = npt.NDArray[np.float64]
-F32 = npt.NDArray[np.float32]
 
 
 def rotation(roll_rad: float, pitch_rad: float, yaw_rad: float) -> F64:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from orograph.arrays import F64, I64, Mask
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -50,14 +52,14 @@ class Grid:
         col = math.floor((x_m - self.origin_m[0]) / self.cell_m)
         return (row, col) if 0 <= row < self.rows and 0 <= col < self.cols else None
 
-    def rows_cols(self, xy_m: npt.ArrayLike) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    def rows_cols(self, xy_m: npt.ArrayLike) -> tuple[I64, I64]:
         """Rows and columns of points (n, 2), not clipped: a point outside has an index outside."""
         xy = np.asarray(xy_m, np.float64)
         rows = np.floor((xy[..., 1] - self.origin_m[1]) / self.cell_m).astype(np.int64)
         cols = np.floor((xy[..., 0] - self.origin_m[0]) / self.cell_m).astype(np.int64)
         return rows, cols
 
-    def contains(self, rows: npt.NDArray[np.int64], cols: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    def contains(self, rows: I64, cols: I64) -> Mask:
         """Which (row, col) pairs lie inside."""
         return (rows >= 0) & (rows < self.rows) & (cols >= 0) & (cols < self.cols)
 
@@ -65,7 +67,7 @@ class Grid:
         """Centre (x, y) of a cell."""
         return self.origin_m[0] + (col + 0.5) * self.cell_m, self.origin_m[1] + (row + 0.5) * self.cell_m
 
-    def centres_m(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    def centres_m(self) -> tuple[F64, F64]:
         """Centres' x (cols,) and y (rows,)."""
         x = self.origin_m[0] + (np.arange(self.cols, dtype=np.float64) + 0.5) * np.float64(self.cell_m)
         y = self.origin_m[1] + (np.arange(self.rows, dtype=np.float64) + 0.5) * np.float64(self.cell_m)

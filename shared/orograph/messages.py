@@ -54,7 +54,6 @@ CELL: Final = np.dtype(
 
 ACKED: Final = np.dtype([("cell", "<u4"), ("seq", "<u4")])
 POSE: Final = np.dtype([("position_m", "<f8", (3,)), ("quaternion_wxyz", "<f8", (4,)), ("present", "u1")])
-POINT_XY: Final = np.dtype([("x_m", "<f8"), ("y_m", "<f8")])
 RANGE_UNIT_M: Final = 0.002
 """Ranges travel as u2 in steps of 2 mm; 0 means no return."""
 
@@ -91,6 +90,7 @@ def array(dtype: np.dtype[Any] | str, shape: tuple[int | None, ...], max_items: 
 
 
 STAMP_MAX_NS: Final = 2**62
+SECOND_NS: Final = 1_000_000_000
 CELLS_MAX: Final = 4_000_000
 U4: Final = 2**32 - 1
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
-import numpy as np
 import numpy.typing as npt
 
 from orograph.messages import Envelope, Frame, Message
@@ -29,8 +28,3 @@ class Node(Protocol):
 
     def artifacts(self) -> Mapping[str, npt.NDArray[Any]]:
         """What the run folder keeps of this node at the end, as named arrays (numpy scalars allowed)."""
-
-
-def text_array(text: str) -> npt.NDArray[Any]:
-    """A string as an artifact."""
-    return np.array(text)

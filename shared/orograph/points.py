@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from orograph.geometry import F32, F64
+from orograph.arrays import F32, F64
 from orograph.messages import RANGE_UNIT_M
 from orograph.points_kernels import place_points
 

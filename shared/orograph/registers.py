@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from orograph.arrays import F64
 from orograph.grid import Grid
 from orograph.layers import CellMap, Layer
 from orograph.messages import OCCUPATION_ONE, UNKNOWN_GRADIENT, UNKNOWN_OCCUPATION, UPDATE, Packed
@@ -15,7 +16,7 @@ GRADIENT_UNIT = 1e-4
 HEIGHT_UNIT_M = 1e-3
 
 
-def round_half_away(values: npt.ArrayLike) -> npt.NDArray[np.float64]:
+def round_half_away(values: npt.ArrayLike) -> F64:
     """Nearest whole number, halves away from zero: the one rounding of the project."""
     v = np.asarray(values, np.float64)
     return np.copysign(np.floor(np.abs(v) + 0.5), v)

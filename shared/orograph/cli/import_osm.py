@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 import yaml
 from rich.console import Console
 
+from orograph.arrays import F64
 from orograph.errors import InputError
 from orograph.importers.district import Polygons, clear_of, footprints, street_points, to_metres
 from orograph.importers.spread import reachable_together, spread
@@ -34,7 +34,6 @@ SPACING_M = 8.0
 ATTRIBUTION = "© OpenStreetMap contributors, Open Database License (ODbL) 1.0"
 
 BBox = tuple[float, float, float, float]
-F64 = npt.NDArray[np.float64]
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:

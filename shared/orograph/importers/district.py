@@ -8,9 +8,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from shapely import affinity
+
+from orograph.arrays import F64
 
 EARTH_RADIUS_M = 6_378_137.0
 ECCENTRICITY_2 = 0.00669437999014
@@ -92,7 +93,7 @@ def _simple(shape: shapely.Geometry) -> Iterator[shapely.Polygon]:
 
 def street_points(
     streets: Iterable[tuple[shapely.Geometry, Mapping[str, str]]], area: shapely.Polygon, spacing_m: float
-) -> npt.NDArray[np.float64]:
+) -> F64:
     """Points (n, 3) each `spacing_m` along drivable streets within `area`: x, y [m] and the street's heading [rad]."""
     rows = []
     for line, tags in streets:
@@ -109,7 +110,7 @@ def _point_at(line: Any, distance_m: float) -> tuple[float, float, float]:
     return here.x, here.y, math.atan2(ahead.y - here.y, ahead.x - here.x)
 
 
-def clear_of(points: npt.NDArray[np.float64], walls: Polygons, clearance_m: float) -> npt.NDArray[np.float64]:
+def clear_of(points: F64, walls: Polygons, clearance_m: float) -> F64:
     """The points (n, 3) that keep this distance to every footprint."""
     tree = shapely.STRtree([wall for wall, _ in walls])
     spots = shapely.points(points[:, :2])

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import F64, Mask
 from orograph.grid import Grid
 from orograph.judge.route import patrol_poses
 from orograph.layers import CONFIDENT, MAPPED_LAYERS, CellMap
@@ -42,11 +42,11 @@ class Reference:
     glrm: CellMap
     hrm: CellMap
     """All that was ever seen at high resolution, over the rectangle that encloses it; aligned with the GLRM."""
-    poses: npt.NDArray[np.float64]
+    poses: F64
     """(n, 3) x [m], y [m], yaw [rad] of the scans."""
 
     @property
-    def observable(self) -> npt.NDArray[np.bool_]:
+    def observable(self) -> Mask:
         """GLRM cells that can be mapped from the patrol."""
         return self.glrm.confidence >= CONFIDENT
 

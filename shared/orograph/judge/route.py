@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import F64
 from orograph.messages import OccupancyGrid
 from orograph.mission.distances import DrivingDistances
 from orograph.mission.split import split_patrol
@@ -13,8 +13,6 @@ from orograph.navigation.tour import VISIT_M
 from orograph.registers import unpack
 from orograph.scenario import Scenario
 from orograph.scene.prior import prior_records
-
-F64 = npt.NDArray[np.float64]
 
 
 def patrol_poses(scenario: Scenario, spacing_m: float) -> F64:

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from orograph.arrays import I64, Mask
 from orograph.layers import CONFIDENT, CellMap
 
-Mask = npt.NDArray[np.bool_]
 Heights = npt.NDArray[np.floating[Any]]
 
 OCCUPIED = 0.5
@@ -113,7 +113,7 @@ def coverage(cells: CellMap, observable: Mask) -> float:
     return float(((cells.confidence >= CONFIDENT) & observable).sum()) / total if total else math.nan
 
 
-def mapping_times_s(first_confident_ns: npt.NDArray[np.int64], observable: Mask) -> dict[int, float | None]:
+def mapping_times_s(first_confident_ns: I64, observable: Mask) -> dict[int, float | None]:
     """Share [%] -> first simulation time [s] at which that share of the observable cells had reached confidence 64.
 
     `first_confident_ns` (rows * cols,) or (rows, cols), negative where never; None where the share was never reached.

@@ -8,9 +8,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from orograph import keys
+from orograph.arrays import I64, Mask
 from orograph.judge.checks import Check, Ledger, checks, copies_equal, is_own_fold, lost_cells, read_ledger
 from orograph.judge.reference import Reference
 from orograph.judge.score import MapScore, Truth, coverage, mapping_times_s, score_maps, truth_of_map
@@ -101,7 +101,7 @@ def judge(parts: RunParts, reference: Reference) -> Verdict:
     )  # fmt: skip
 
 
-def true_surface(scene: Scene, cells: CellMap, samples: int) -> tuple[Truth, npt.NDArray[np.bool_]]:
+def true_surface(scene: Scene, cells: CellMap, samples: int) -> tuple[Truth, Mask]:
     """The true top surface over a map's grid, and which cells hold a building."""
     height, occupied = top_surface(scene, cells.grid, samples)
     ground = scene.height_m(*np.meshgrid(*cells.grid.centres_m()))
@@ -109,7 +109,7 @@ def true_surface(scene: Scene, cells: CellMap, samples: int) -> tuple[Truth, npt
     return Truth(height, occupied, np.isfinite(height)), building
 
 
-Pairs = list[tuple[CellMap, Truth, npt.NDArray[np.bool_]]]
+Pairs = list[tuple[CellMap, Truth, Mask]]
 
 
 def _both(surface: Pairs, ideal: Pairs) -> tuple[MapScore, MapScore]:
@@ -163,7 +163,7 @@ def _mapping_times(parts: RunParts, reference: Reference) -> dict[int, float | N
     return mapping_times_s(first_confident_ns(parts), reference.observable)
 
 
-def first_confident_ns(parts: RunParts) -> npt.NDArray[np.int64]:
+def first_confident_ns(parts: RunParts) -> I64:
     """Stamp (rows * cols,) at which each cell first had confidence 64; negative where it never had."""
     return parts.of(keys.MANAGER).get("first_confident_ns", np.full(parts.glrm_grid.size, -1, np.int64))
 

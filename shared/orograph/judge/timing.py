@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from orograph import keys
+from orograph.arrays import I64
 from orograph.stages import STAGES
 from orograph.storage.parts import RunParts
 
@@ -37,7 +37,7 @@ class Spread:
     p95: float
 
     @classmethod
-    def of(cls, durations_ns: npt.NDArray[np.int64]) -> Spread:
+    def of(cls, durations_ns: I64) -> Spread:
         """Spread of durations (n,) [ns]."""
         if not durations_ns.size:
             return cls(math.nan, math.nan)
@@ -72,5 +72,5 @@ def _row(parts: RunParts, stage: str) -> Table2Row:
     return Table2Row(stage, STAGES[stage], PAPER_TABLE_2_MS[stage], spreads, Spread.of(pooled))
 
 
-def _durations(parts: RunParts, node: str, stage: str) -> npt.NDArray[np.int64]:
+def _durations(parts: RunParts, node: str, stage: str) -> I64:
     return np.asarray(parts.stages_ns.get(node, {}).get(stage, ()), np.int64)

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from orograph import keys
+from orograph.arrays import F64, Mask
 from orograph.storage.parts import RunParts
-
-F64 = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +18,7 @@ class Track:
     time_s: F64
     position_m: F64
     """True (n, 2)."""
-    radio: npt.NDArray[np.bool_]
+    radio: Mask
     pose_error_m: tuple[F64, F64]
     """(time [s], distance in the plane [m]) between estimate and truth, empty without an estimate."""
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import I32, Mask
 from orograph.grid import Grid
 from orograph.mapping.cells import CONFIDENCE, Cells, Ticks, Values, unknown_values
 from orograph.mapping.fusion_kernels import fuse_cells
@@ -33,11 +33,11 @@ class Evidence:
         self.window: tuple[int, int] | None = None
         """GLRM (row, col) of the window's first block; it may hang over the GLRM's edge."""
         self._spare = np.empty_like(self.values), np.empty_like(self.ticks)
-        self.stale: npt.NDArray[np.bool_] = np.ones((self.blocks, self.blocks), np.bool_)
+        self.stale: Mask = np.ones((self.blocks, self.blocks), np.bool_)
         """Blocks of the window that changed since their user last cleared this."""
-        self._marked: npt.NDArray[np.bool_] = np.zeros(self.blocks**2, np.bool_)
+        self._marked: Mask = np.zeros(self.blocks**2, np.bool_)
         row, col = np.indices((hrm_cells, hrm_cells), np.int32) // per_glrm_cell
-        self._block_of_cell: npt.NDArray[np.int32] = (row * self.blocks + col).reshape(-1)
+        self._block_of_cell: I32 = (row * self.blocks + col).reshape(-1)
 
     @property
     def llrm_grid(self) -> Grid:
@@ -121,12 +121,12 @@ class Evidence:
         self.stale.reshape(-1)[blocks] = True
         expand_blocks(values, ticks, self.blocks * self.factor, self.factor, blocks, self.values, self.ticks)
 
-    def _glrm_cells(self, blocks: Cells) -> tuple[npt.NDArray[np.bool_], Cells]:
+    def _glrm_cells(self, blocks: Cells) -> tuple[Mask, Cells]:
         assert self.window is not None
         rows, cols = blocks // self.blocks + self.window[0], blocks % self.blocks + self.window[1]
         return self.glrm.contains(rows, cols), rows * self.glrm.cols + cols
 
-    def _blocks(self, glrm_cells: Cells) -> tuple[npt.NDArray[np.bool_], Cells]:
+    def _blocks(self, glrm_cells: Cells) -> tuple[Mask, Cells]:
         if self.window is None:
             return np.zeros(len(glrm_cells), np.bool_), glrm_cells
         rows, cols = glrm_cells // self.glrm.cols - self.window[0], glrm_cells % self.glrm.cols - self.window[1]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from orograph.geometry import F32, F64
+from orograph.arrays import F32, F64
 from orograph.grid import Grid
 from orograph.layers import CellMap
 from orograph.mapping.cells import Cells, Given, Values, cut, map_of, unknown_values, values_of

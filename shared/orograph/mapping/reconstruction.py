@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from orograph.arrays import F64, I64, U1
 from orograph.grid import Grid
 from orograph.layers import CellMap
 from orograph.mapping import reconstruction_kernels as kernels
@@ -21,15 +22,15 @@ class _Workspace(NamedTuple):
     slot_of_cell: npt.NDArray[np.uint32]
     cell_of_point: npt.NDArray[np.uint32]
     slot_of_point: npt.NDArray[np.uint32]
-    sub_cell: npt.NDArray[np.uint8]
-    east: npt.NDArray[np.float64]
-    north: npt.NDArray[np.float64]
-    cell_of_slot: npt.NDArray[np.int64]
+    sub_cell: U1
+    east: F64
+    north: F64
+    cell_of_slot: I64
     count_of_slot: npt.NDArray[np.uint32]
-    height: npt.NDArray[np.float64]
-    moments: npt.NDArray[np.float64]
-    hits: npt.NDArray[np.int64]
-    weight: npt.NDArray[np.float64]
+    height: F64
+    moments: F64
+    hits: I64
+    weight: F64
     values: Values
 
     @classmethod
@@ -50,7 +51,7 @@ class Reconstructor:
         """`cells`: number of cells of the grids to come."""
         self._cells, self._range_max_m, self._slope_max, self._stage = cells, range_max_m, slope_max, stage
         self._workspace = _Workspace.sized(cells, 0)
-        self.dropped: npt.NDArray[np.int64] = np.zeros(len(DROP_REASONS), np.int64)
+        self.dropped: I64 = np.zeros(len(DROP_REASONS), np.int64)
         """Points dropped so far, in the order of DROP_REASONS."""
 
     def aux(self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], grid: Grid) -> tuple[Cells, Values]:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from orograph.arrays import F64, I64, Mask
 from orograph.grid import Grid
 
 UNREACHABLE_M = 1e6
@@ -18,11 +19,8 @@ UNREACHABLE_M = 1e6
 BLOCKED = 0.95
 """Occupation from which a cell is an obstacle; unknown cells count as free."""
 
-Metres = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
-
-def _joined(free: Mask, rows: int, cols: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def _joined(free: Mask, rows: int, cols: int) -> tuple[I64, I64]:
     """Free cells (from, to), flat, that lie (rows >= 0, cols) apart; a diagonal needs both cells beside it free."""
     number = np.arange(free.size).reshape(free.shape)
     height, width = free.shape
@@ -60,13 +58,13 @@ class DrivingDistances:
         row, col = self._free_cells[int(np.argmin(apart))]
         return int(row * self._grid.cols + col)
 
-    def between(self, from_xy_m: Sequence[tuple[float, float]], to_xy_m: Sequence[tuple[float, float]]) -> Metres:
+    def between(self, from_xy_m: Sequence[tuple[float, float]], to_xy_m: Sequence[tuple[float, float]]) -> F64:
         """Distances (len(from), len(to)) [m], UNREACHABLE_M where no drive leads; places in obstacles move out."""
         start = np.array([self._cell(*p) for p in from_xy_m], np.int64)
         end = np.array([self._cell(*p) for p in to_xy_m], np.int64)
         if not len(start) or not len(end):
             return np.zeros((len(start), len(end)))
         places, which = np.unique(start, return_inverse=True)
-        reach_m: Metres = np.array([dijkstra(self._roads, directed=False, indices=int(p))[end] for p in places])
+        reach_m: F64 = np.array([dijkstra(self._roads, directed=False, indices=int(p))[end] for p in places])
         reach_m = np.minimum(reach_m, UNREACHABLE_M)
         return reach_m[which]

@@ -7,10 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from orograph.mission.distances import DrivingDistances, Metres
+from orograph.arrays import F64
+from orograph.mission.distances import DrivingDistances
 from orograph.mission.split import split_patrol
+from orograph.scenario import PointM
 
-PointM = tuple[float, float]
 Order = list[int]
 
 
@@ -21,19 +22,19 @@ class Legs:
         self._waypoints_m, self._roads = list(waypoints_m), roads
         self._between_m = roads.between(self._waypoints_m, self._waypoints_m)
 
-    def _from_m(self, at_m: PointM) -> Metres:
-        from_m: Metres = self._roads.between([at_m], self._waypoints_m)[0]
+    def _from_m(self, at_m: PointM) -> F64:
+        from_m: F64 = self._roads.between([at_m], self._waypoints_m)[0]
         return from_m
 
     def _along_m(self, order: Sequence[int]) -> float:
         return float(sum(self._between_m[a, b] for a, b in pairwise(order)))
 
     def length_m(self, at_m: PointM, order: Sequence[int]) -> float:
-        """Metres to drive from a place through all of an order."""
+        """F64 to drive from a place through all of an order."""
         return float(self._from_m(at_m)[order[0]]) + self._along_m(order) if order else 0.0
 
     def detour(self, at_m: PointM, order: Sequence[int], waypoint: int) -> tuple[float, Order]:
-        """Metres that one waypoint more costs at the best place of an order, and the order with it."""
+        """F64 that one waypoint more costs at the best place of an order, and the order with it."""
         from_m = self._from_m(at_m)
         longer = [[*order[:k], waypoint, *order[k:]] for k in range(len(order) + 1)]
         lengths_m = [float(from_m[tour[0]]) + self._along_m(tour) for tour in longer]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,13 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph.keys import robot_number
-from orograph.messages import RobotStatus
+from orograph.messages import SECOND_NS, RobotStatus
 from orograph.mission.distances import DrivingDistances
-from orograph.mission.legs import Legs, PointM
+from orograph.mission.legs import Legs
+from orograph.node import Note
+from orograph.scenario import PointM
 
-Note = Callable[[str, Mapping[str, Any]], None]
-
-SECOND_NS = 1_000_000_000
 HEARD_NS = 3 * SECOND_NS
 """A robot is spoken to if one of its last three statuses came; only then can it take a new order."""
 LOST_AFTER_NS = 15 * SECOND_NS

@@ -11,12 +11,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from ortools.constraint_solver import pywrapcp, routing_enums_pb2
 
+from orograph.arrays import F64
 from orograph.mission.distances import UNREACHABLE_M
 
-Metres = npt.NDArray[np.float64]
 Tours = list[list[int]]
 
 UNIT_M = 0.1
@@ -35,7 +34,7 @@ FOREVER_S = 10**9
 class _Patrol:
     """Distances (n, n) with the robots' starts first, and for each waypoint the robots that may take it."""
 
-    distance_m: Metres
+    distance_m: F64
     robots: int
     takers: tuple[tuple[int, ...], ...]
 
@@ -50,7 +49,7 @@ class _Patrol:
         return replace(self, takers=(*self.takers[:waypoint], left, *self.takers[waypoint + 1 :]))
 
 
-def split_patrol(robots: int, distance_m: Metres, barred: Sequence[Collection[int]] = ()) -> Tours:
+def split_patrol(robots: int, distance_m: F64, barred: Sequence[Collection[int]] = ()) -> Tours:
     """Waypoints in driving order for each robot, every waypoint exactly once.
 
     `distance_m` (robots + waypoints, robots + waypoints) [m] has the starts first. `barred[robot]` are waypoints that
@@ -73,7 +72,7 @@ def split_patrol(robots: int, distance_m: Metres, barred: Sequence[Collection[in
     return tours
 
 
-def longest_m(robots: int, distance_m: Metres, tours: Tours) -> float:
+def longest_m(robots: int, distance_m: F64, tours: Tours) -> float:
     """Length of the longest tour [m]."""
     patrol = _Patrol(distance_m, robots, ())
     return max(patrol.length_m(robot, tour) for robot, tour in enumerate(tours))

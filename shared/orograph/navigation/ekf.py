@@ -9,14 +9,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import F64
 from orograph.geometry import wrap_angle
 from orograph.messages import Pose, Sensors
 from orograph.navigation.attitude import SlopeFilter
 from orograph.scenario import NavigationSensorsSpec
 
-F64 = npt.NDArray[np.float64]
 X, Y, Z, YAW, SCALE = range(5)
 
 SLIP_ALONG, SLIP_ACROSS = 0.02, 0.01

@@ -6,13 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import F64
 from orograph.geometry import wrap_angle
 from orograph.navigation.planner import LETHAL_M, LocalPath
 from orograph.scenario import RobotSpec
-
-F64 = npt.NDArray[np.float64]
 
 CRUISE_SHARE = 0.85
 """Of the robot's top speed: skid-steer wheels that run at the limit have none left to steer with."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
-from orograph.messages import UNKNOWN_OCCUPATION, OccupancyGrid
+from orograph.arrays import F64, U1
+from orograph.messages import SECOND_NS, UNKNOWN_OCCUPATION, OccupancyGrid
 from orograph.navigation.planner import (
     BLOCKED,
     LocalPath,
@@ -20,9 +20,6 @@ from orograph.navigation.planner import (
 )
 from orograph.navigation.planner_kernels import first_appeared, first_blocked, obstacle_near_m
 
-F64 = npt.NDArray[np.float64]
-
-SECOND_NS = 1_000_000_000
 BODY_M = 0.7
 """An obstacle's cell centre nearer than this to the path blocks it."""
 MOVER_M, MOVER_CELLS = 3.0, 3
@@ -173,6 +170,6 @@ class Guide:
         return otherwise if hit < 0 else hit
 
     @staticmethod
-    def _seen(local: OccupancyGrid) -> tuple[npt.NDArray[np.uint8], tuple[float, float, float], int, int]:
+    def _seen(local: OccupancyGrid) -> tuple[U1, tuple[float, float, float], int, int]:
         """What the kernels need of a map."""
         return local.occupation, (local.x0_m, local.y0_m, local.cell_m), BLOCKED, UNKNOWN_OCCUPATION

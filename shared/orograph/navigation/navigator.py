@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from typing import Any
 
 from orograph.keys import robot_number
-from orograph.messages import Mission, OccupancyGrid, Pose, RobotStatus, Sensors
+from orograph.messages import SECOND_NS, Mission, OccupancyGrid, Pose, RobotStatus, Sensors
 from orograph.navigation.ekf import PoseFilter
 from orograph.navigation.follower import STOP, Command, Follower, braking_distance_m
 from orograph.navigation.guide import Guide
-from orograph.navigation.recovery import SECOND_NS, STALLED_S, STUCK_S, Recovery, StuckWatch
+from orograph.navigation.recovery import STALLED_S, STUCK_S, Recovery, StuckWatch
 from orograph.navigation.return_path import ReturnPath
 from orograph.navigation.tour import Tour
 from orograph.node import Note

@@ -11,13 +11,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import F64, I64, U1, Mask
 from orograph.grid import Grid
 from orograph.messages import OCCUPATION_ONE, UNKNOWN_OCCUPATION, OccupancyGrid
 from orograph.navigation.planner_kernels import blocked_cells, least_cost_path, nearest_finite, obstacle_distance
 
-F64 = npt.NDArray[np.float64]
 PointXY = tuple[float, float]
 
 BLOCKED = math.ceil(0.95 * OCCUPATION_ONE)
@@ -61,7 +60,7 @@ def planning_grid(planning_map: OccupancyGrid) -> Grid:
     return Grid((planning_map.x0_m, planning_map.y0_m), planning_map.cell_m, (rows, cols))
 
 
-def occupation_cost(occupation: npt.NDArray[np.uint8]) -> F64:
+def occupation_cost(occupation: U1) -> F64:
     """Cost per metre (rows, cols), >= 1, of occupation in 1/254; obstacles are not treated here."""
     share = occupation * (1.0 / OCCUPATION_ONE)
     return np.where(occupation == UNKNOWN_OCCUPATION, UNKNOWN_COST, 1.0 + OCCUPIED_COST * share * share)
@@ -104,7 +103,7 @@ def global_route(
     return np.vstack([route[:-1], goal]) if end in (-1, goal_cell[0] * grid.cols + goal_cell[1]) else route
 
 
-def _centres(cells: npt.NDArray[np.int64], grid: Grid) -> F64:
+def _centres(cells: I64, grid: Grid) -> F64:
     rows, cols = np.divmod(cells, grid.cols)
     return np.column_stack(
         [grid.origin_m[0] + (cols + 0.5) * grid.cell_m, grid.origin_m[1] + (rows + 0.5) * grid.cell_m]
@@ -176,7 +175,7 @@ def local_cost(window: OccupancyGrid) -> tuple[F64, F64]:
     return cost, clearance_m
 
 
-def blocked_in(planning_map: OccupancyGrid, grid: Grid) -> npt.NDArray[np.bool_]:
+def blocked_in(planning_map: OccupancyGrid, grid: Grid) -> Mask:
     """Which cells of another grid (rows, cols) lie in blocked cells of a planning map; outside of it none does."""
     x, y = grid.centres_m()
     coarse = planning_grid(planning_map)
@@ -185,19 +184,19 @@ def blocked_in(planning_map: OccupancyGrid, grid: Grid) -> npt.NDArray[np.bool_]
     r, c = np.meshgrid(rows, cols, indexing="ij")
     inside = coarse.contains(r, c)
     values = planning_map.occupation[np.clip(r, 0, coarse.rows - 1), np.clip(c, 0, coarse.cols - 1)]
-    blocked: npt.NDArray[np.bool_] = inside & (values >= BLOCKED) & (values != UNKNOWN_OCCUPATION)
+    blocked: Mask = inside & (values >= BLOCKED) & (values != UNKNOWN_OCCUPATION)
     return blocked
 
 
-def _within(grid: Grid, centre: PointXY, radius_m: float) -> npt.NDArray[np.bool_]:
+def _within(grid: Grid, centre: PointXY, radius_m: float) -> Mask:
     x, y = grid.centres_m()
-    near: npt.NDArray[np.bool_] = (x[None, :] - centre[0]) ** 2 + (y[:, None] - centre[1]) ** 2 <= radius_m**2
+    near: Mask = (x[None, :] - centre[0]) ** 2 + (y[:, None] - centre[1]) ** 2 <= radius_m**2
     return near
 
 
-def _search(cost: F64, stops: Sequence[tuple[int, int]], grid: Grid) -> list[npt.NDArray[np.int64]]:
+def _search(cost: F64, stops: Sequence[tuple[int, int]], grid: Grid) -> list[I64]:
     """Cells of the path from each stop to the next, as far as they can be reached."""
-    parts: list[npt.NDArray[np.int64]] = []
+    parts: list[I64] = []
     start = stops[0][0] * grid.cols + stops[0][1]
     for row, col in stops[1:]:
         goal = nearest_finite(cost, row, col, math.ceil(GOAL_REACH_M / grid.cell_m))

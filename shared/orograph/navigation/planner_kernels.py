@@ -7,15 +7,12 @@ from typing import Any
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-U1 = npt.NDArray[np.uint8]
-F64 = npt.NDArray[np.float64]
-I64 = npt.NDArray[np.int64]
+from orograph.arrays import F64, I64, U1, Mask
 
 
 @numba.njit(cache=True)
-def blocked_cells(occupation: U1, threshold: int, unknown: int, alone_counts: bool) -> npt.NDArray[np.bool_]:
+def blocked_cells(occupation: U1, threshold: int, unknown: int, alone_counts: bool) -> Mask:
     """Cells (rows, cols) with occupation >= threshold; one without such a neighbour only if `alone_counts`."""
     rows, cols = occupation.shape
     out = np.zeros((rows, cols), np.bool_)
@@ -34,7 +31,7 @@ def blocked_cells(occupation: U1, threshold: int, unknown: int, alone_counts: bo
 
 
 @numba.njit(cache=True)
-def obstacle_distance(blocked: npt.NDArray[np.bool_], reach: int) -> F64:
+def obstacle_distance(blocked: Mask, reach: int) -> F64:
     """Distance (rows, cols) [cells] from each centre to the nearest blocked one, exact to `reach`, else reach + 1."""
     rows, cols = blocked.shape
     squared = np.full((rows, cols), float((reach + 1) ** 2))

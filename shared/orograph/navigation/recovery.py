@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 from orograph.geometry import wrap_angle
+from orograph.messages import SECOND_NS
 from orograph.navigation.follower import STOP, Command
 
-SECOND_NS = 1_000_000_000
 STUCK_S = 3.0
 """Told to move for so long and in one place: the wheels push against something."""
 STALLED_S = 8.0

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from orograph.messages import SECOND_NS
 from orograph.scenario import PointM
 
-SECOND_NS = 1_000_000_000
 SILENT_S = 5.0
 """The orchestrator speaks every second: so long without it is a shadow, not a lost message."""
 FIRST_SILENT_S = 15.0

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from pydantic import BaseModel, ConfigDict
 
-from orograph.messages import ManagerStatus, MappingStatus, RobotStatus
-from orograph.mission.patrol import HEARD_NS, SECOND_NS
+from orograph.messages import SECOND_NS, ManagerStatus, MappingStatus, RobotStatus
+from orograph.mission.patrol import HEARD_NS
 
 HEARD_S = HEARD_NS / SECOND_NS
 """A service is within radio if one of its last three statuses came."""

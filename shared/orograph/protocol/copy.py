@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import I64
 from orograph.grid import Grid
 from orograph.layers import CellMap, Layer
 from orograph.messages import CELL, CellsRequest, Delta, Digest, Packed
@@ -160,5 +160,5 @@ class GlrmCopy:
         if self.wanted is None:
             self.wanted, self._asked = CellsRequest(self.manager_epoch, self.version, NO_TILES), False
 
-    def _want_tiles(self, tiles: npt.NDArray[np.int64]) -> None:
+    def _want_tiles(self, tiles: I64) -> None:
         self.wanted = CellsRequest(self.manager_epoch, self.version, tiles.astype("<u2"))

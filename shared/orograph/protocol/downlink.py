@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import I64
 from orograph.messages import CellsRequest, Delta, Digest, Message, Packed, Welcome
 from orograph.protocol.tiles import TileHashes, Tiles
 
@@ -22,7 +22,7 @@ SendTo = Callable[[str | None, Message], None]
 """send(robot, message); None is every robot."""
 
 
-def _cut(items: npt.NDArray[np.int64] | Packed) -> list[npt.NDArray[np.int64]]:
+def _cut(items: I64 | Packed) -> list[I64]:
     return np.split(items, range(PART_CELLS, len(items), PART_CELLS))
 
 
@@ -37,7 +37,7 @@ class Downlink:
         self._answers: dict[tuple[str, str], Iterator[Message]] = {}
         self.counts: Counter[str] = Counter()
 
-    def changed(self, cells: npt.NDArray[np.int64], version: int) -> None:
+    def changed(self, cells: I64, version: int) -> None:
         """A commit made this version and changed these cells."""
         self.version = version
         if len(cells):
@@ -74,7 +74,7 @@ class Downlink:
         since = request.since_version if request.manager_epoch == self._epoch else 0
         return self._delta_parts(since, version, np.flatnonzero(self._cells["version"] > since), repair=True)
 
-    def _delta_parts(self, first: int, last: int, cells: npt.NDArray[np.int64], repair: bool) -> Iterator[Delta]:
+    def _delta_parts(self, first: int, last: int, cells: I64, repair: bool) -> Iterator[Delta]:
         """Parts are read when they are sent: a value newer than `last` does no harm, an older one cannot be.
 
         Whole tiles (`first` = `last`) are marked as of now, so that they replace whatever the copy holds.

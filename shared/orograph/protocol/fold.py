@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from orograph.arrays import I64, Mask
 from orograph.messages import CELL, REGISTER, UPDATE, Packed
 from orograph.protocol.fold_kernels import AGEING_STEPS, fold_cells
 
@@ -31,7 +32,7 @@ ROBOT_REGISTER = np.dtype([("robot", "<u2"), *[(n, REGISTER[n]) for n in REGISTE
 """A register with the number of its robot: the form in which a run folder keeps them."""
 
 
-def _ageing_table() -> npt.NDArray[np.int64]:
+def _ageing_table() -> I64:
     """2^16 * 2^(-i/256), rounded: nested integer square roots, so no two hosts can differ."""
     table = []
     for i in range(AGEING_STEPS):
@@ -104,7 +105,7 @@ def fold_registers(prior: Packed, registers: Packed, rules: FoldRules) -> Packed
     return fold(prior, rows, rules)
 
 
-def same_values(a: Packed, b: Packed, *more: str) -> npt.NDArray[np.bool_]:
+def same_values(a: Packed, b: Packed, *more: str) -> Mask:
     """Where two arrays of records (n,) agree in all values of a cell, and in the fields named besides."""
     same = np.ones(a.shape, np.bool_)
     for name in (*VALUES, *more):

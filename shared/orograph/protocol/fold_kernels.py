@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from orograph.arrays import I64
 from orograph.messages import UNKNOWN_GRADIENT, UNKNOWN_OCCUPATION
 
 Records = npt.NDArray[Any]
@@ -25,7 +26,7 @@ AGEING_STEPS = 256
 
 
 @njit(cache=True)
-def _aged(confidence: Whole, age_ms: Whole, half_life_ms: Whole, ageing: npt.NDArray[np.int64]) -> Whole:
+def _aged(confidence: Whole, age_ms: Whole, half_life_ms: Whole, ageing: I64) -> Whole:
     if half_life_ms == 0 or age_ms == 0:
         return confidence
     position = age_ms * AGEING_STEPS // half_life_ms
@@ -70,7 +71,7 @@ def _newer_wins(confidence_new: Whole, confidence_old: Whole, printed: bool) -> 
 
 
 @njit(cache=True)
-def _order_by_tick(registers: Records, i: Whole, order: npt.NDArray[np.int64]) -> Whole:
+def _order_by_tick(registers: Records, i: Whole, order: I64) -> Whole:
     """Rows with evidence in column i, oldest first (rows already ascend by robot, the sort is stable); their number."""
     n = 0
     for k in range(registers.shape[0]):
@@ -88,7 +89,7 @@ def _order_by_tick(registers: Records, i: Whole, order: npt.NDArray[np.int64]) -
 @njit(cache=True)
 def fold_cells(
     prior: Records, registers: Records, half_life_ms: Whole, height_gate_mm: Whole, tangent_n: Whole, tangent_d: Whole,
-    printed: bool, ageing: npt.NDArray[np.int64], out: Records,
+    printed: bool, ageing: I64, out: Records,
 ) -> None:  # fmt: skip
     """Fold `registers` (robots, n), rows by robot number, confidence 0 is none, over `prior` (n,) into `out` (n,)."""
     order = np.empty(registers.shape[0], np.int64)

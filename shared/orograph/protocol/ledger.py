@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import I64
 from orograph.layers import CONFIDENT
 from orograph.messages import REGISTER, Packed
 from orograph.protocol.fold import ROBOT_REGISTER, FoldRules, fold, same_values, whole_prior
@@ -63,7 +63,7 @@ class Ledger:
         winners: Packed = rows[(rows["epoch"] > held["epoch"]) | (same_epoch & (rows["seq"] > held["seq"]))]
         return winners
 
-    def folded(self, cells: npt.NDArray[np.int64], news: Mapping[int, Packed]) -> Packed:
+    def folded(self, cells: I64, news: Mapping[int, Packed]) -> Packed:
         """These cells (n,), ascending, as they will be once `news` (robot number -> ROW_RECORDs) is held."""
         robots = sorted({*self._rows, *news})
         columns = np.zeros((len(robots), len(cells)), REGISTER)
@@ -82,16 +82,14 @@ class Ledger:
         stamped["cell"], stamped["stamp_ns"] = cells, now_ns
         return stamped
 
-    def apply(
-        self, news: Mapping[int, Packed], folded: Packed, confident: Packed, version: int
-    ) -> npt.NDArray[np.int64]:
+    def apply(self, news: Mapping[int, Packed], folded: Packed, confident: Packed, version: int) -> I64:
         """Hold what has been committed; the cells whose value changed, now of `version`."""
         for robot, rows in news.items():
             self._put(robot, rows)
         self.first_confident_ns[confident["cell"]] = confident["stamp_ns"]
         changed = folded[~same_values(folded, self.glrm[folded["cell"]])]
         changed["version"] = version
-        cells: npt.NDArray[np.int64] = changed["cell"].astype(np.int64)
+        cells: I64 = changed["cell"].astype(np.int64)
         self.glrm[cells] = changed
         return cells
 

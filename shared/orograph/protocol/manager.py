@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import I64
 from orograph.keys import robot_id, robot_number
 from orograph.messages import ACKED, REGISTER, UPDATE, Ack, Batch, CellsRequest, Fenced, Hello, Message, Packed
+from orograph.node import Note
 from orograph.protocol.downlink import Downlink, SendTo
 from orograph.protocol.epochs import Epochs
 from orograph.protocol.fold import FoldRules
@@ -25,9 +26,6 @@ MESSAGES_PER_STEP = 16
 """From one robot; more are counted and dropped, so that a flood costs nobody else."""
 
 REASONS_NOTED_MAX = 1_000
-
-Note = Callable[[str, Mapping[str, Any]], None]
-"""note(kind, fields): an event worth a line: hello, fenced, rejected, store-full, store-freed."""
 
 
 @dataclass
@@ -79,7 +77,7 @@ class ManagerSync:
         return self._ledger.glrm
 
     @property
-    def first_confident_ns(self) -> npt.NDArray[np.int64]:
+    def first_confident_ns(self) -> I64:
         """Per cell, when its confidence first reached 64; -1 for never."""
         return self._ledger.first_confident_ns
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from orograph.arrays import I64
 from orograph.messages import REGISTER, UPDATE, Packed
 from orograph.protocol.fold import same_values
 
@@ -21,8 +22,8 @@ ANSWER_WITHIN_NS = 1_000_000_000
 
 @dataclass
 class _Flight:
-    cells: npt.NDArray[np.int64]
-    seqs: npt.NDArray[np.int64]
+    cells: I64
+    seqs: I64
     sent_ns: int
 
 
@@ -63,7 +64,7 @@ class Outbox:
         self.own[cells] = now
         self._renumber(cells)
 
-    def _renumber(self, cells: npt.NDArray[np.int64]) -> None:
+    def _renumber(self, cells: I64) -> None:
         """Give these registers new seqs and make them dirty; a cell already dirty keeps its age."""
         self.own["seq"][cells] = self._seq + 1 + np.arange(len(cells))
         self._seq += len(cells)
@@ -89,13 +90,13 @@ class Outbox:
             self._flights.append(_Flight(waiting, batch["seq"].astype(np.int64), now_ns))
         return batch
 
-    def _choose(self, waiting: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    def _choose(self, waiting: I64) -> I64:
         oldest = waiting[np.argsort(self._dirty_since[waiting], kind="stable")]
         first, rest = np.split(oldest, [BATCH_CELLS - LARGEST_CHANGE_SHARE])
         largest = rest[np.argsort(-self._change(rest), kind="stable")][:LARGEST_CHANGE_SHARE]
         return np.sort(np.concatenate([first, largest]))
 
-    def _change(self, cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    def _change(self, cells: I64) -> I64:
         """How much the registers moved since acknowledged, in 1/100 of the thresholds of mapping.md section 4."""
         own, acked = self.own[cells], self._acked[cells]
         moved = {
@@ -116,7 +117,7 @@ class Outbox:
         cleared: Packed = self.own[cells_now]
         return cleared
 
-    def _land(self, keys: npt.NDArray[np.int64]) -> None:
+    def _land(self, keys: I64) -> None:
         for flight in self._flights:
             landed = np.isin(flight.cells << 32 | flight.seqs, keys)
             self._in_flight[flight.cells[landed]] = False

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from orograph.arrays import I64, U1
 from orograph.messages import Packed
 from orograph.protocol.fold import VALUES
 
@@ -31,15 +32,15 @@ class Tiles:
         self._across = -(-cols // TILE_CELLS)
         self.count = -(-rows // TILE_CELLS) * self._across
         row, col = np.divmod(np.arange(rows * cols), cols)
-        self._tile_of: npt.NDArray[np.int64] = (row // TILE_CELLS) * self._across + col // TILE_CELLS
+        self._tile_of: I64 = (row // TILE_CELLS) * self._across + col // TILE_CELLS
         by_tile = np.argsort(self._tile_of, kind="stable")
         self._cells = np.split(by_tile, np.cumsum(np.bincount(self._tile_of, minlength=self.count))[:-1])
 
-    def of(self, cells: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    def of(self, cells: npt.NDArray[Any]) -> I64:
         """Numbers of the tiles in which these cells (n,) lie, ascending, each once."""
         return np.unique(self._tile_of[cells.astype(np.int64)])
 
-    def cells(self, tile: int) -> npt.NDArray[np.int64]:
+    def cells(self, tile: int) -> I64:
         """The cells of one tile, ascending."""
         return self._cells[tile]
 
@@ -56,7 +57,7 @@ class TileHashes:
         """These cells may have changed."""
         self._stale[self._tiles.of(cells)] = True
 
-    def current(self) -> npt.NDArray[np.uint8]:
+    def current(self) -> U1:
         """Hashes of the map as it is now; do not write to it."""
         for tile in np.flatnonzero(self._stale):
             digest = map_hash(self._map[self._tiles.cells(int(tile))])

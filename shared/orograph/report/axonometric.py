@@ -10,16 +10,15 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 
+from orograph.arrays import F64
 from orograph.grid import Grid
 from orograph.report.palette import HEIGHT, INK, QUIET, UNKNOWN
 
-F64 = npt.NDArray[np.float64]
 TURN_RAD, TILT_RAD = np.radians(28.0), np.radians(38.0)
 """The view: from the south-south-west, 38 deg above the horizon; so south and west walls show."""
 WALL_SHADE = (0.62, 0.78)

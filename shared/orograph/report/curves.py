@@ -6,16 +6,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from orograph.arrays import F64
 from orograph.judge.score import CONFIDENCE_BINS, SHARES, MapScore
 from orograph.report import palette
 from orograph.report.palette import Picture
 
-F64 = npt.NDArray[np.float64]
 Series = Mapping[str, tuple[F64, F64]]
 """Robot -> (time [s], value)."""
 Silences = Sequence[tuple[float, float]]

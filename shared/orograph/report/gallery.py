@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph import keys
+from orograph.arrays import F64
 from orograph.geometry import ray_directions, rotation_from_quaternion
 from orograph.grid import Grid
 from orograph.judge.summary import Verdict, glrm_errors
@@ -177,7 +178,7 @@ def _scene(parts: RunParts, verdict: Verdict) -> Picture | None:
     return surfaces.scene_with_points(relief, near, laser["last_position_m"], surfaces.height_limits(height), robot)
 
 
-def _last_points(scenario: Scenario, laser: Any) -> npt.NDArray[np.float64]:
+def _last_points(scenario: Scenario, laser: Any) -> F64:
     R_map_robot = rotation_from_quaternion(laser["last_quaternion_wxyz"])
     eye_m = laser["last_position_m"] + R_map_robot @ np.array([0.0, 0.0, scenario.laser.height_above_base_m])
     points, _ = points_from_ranges(laser["last_ranges"], ray_directions(scenario.laser), R_map_robot, eye_m)

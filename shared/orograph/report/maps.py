@@ -12,15 +12,16 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from orograph.arrays import F64, Mask
 from orograph.grid import Grid
 from orograph.layers import CONFIDENT, CellMap, Layer
 from orograph.report import palette
 from orograph.report.palette import Picture
 
-Path = npt.NDArray[np.float64]
+Path = F64
 
 
-def shown_extent(grid: Grid, interesting: npt.NDArray[np.bool_], margin_m: float = 25.0) -> tuple[float, ...]:
+def shown_extent(grid: Grid, interesting: Mask, margin_m: float = 25.0) -> tuple[float, ...]:
     """x_min, x_max, y_min, y_max of the interesting cells with a margin, within the grid; the whole grid if none is."""
     x0, y0, x1, y1 = grid.extent_m
     rows, cols = np.nonzero(interesting)
@@ -114,7 +115,7 @@ def _round_limit(*layers: Layer) -> float:
 
 
 def robot_paths(
-    glrm: CellMap, communications: Layer, paths: dict[str, tuple[Path, npt.NDArray[np.bool_]]],
+    glrm: CellMap, communications: Layer, paths: dict[str, tuple[Path, Mask]],
     vehicles: list[Path], patrol_m: Path, base_m: tuple[float, float], extent: tuple[float, ...],
 ) -> Picture:  # fmt: skip
     """True paths (robot -> positions (n, 2), radio (n,)) over the occupation layer, radio shadow hatched.
@@ -148,7 +149,7 @@ def robot_paths(
     )
 
 
-def _path(axes: Axes, path: Path, radio: npt.NDArray[np.bool_], colour: str) -> None:
+def _path(axes: Axes, path: Path, radio: Mask, colour: str) -> None:
     on, off = np.where(radio[:, None], path, np.nan), np.where(radio[:, None], np.nan, path)
     axes.plot(on[:, 0], on[:, 1], color=colour, lw=1.8)
     axes.plot(off[:, 0], off[:, 1], color="#ffffff", lw=3.0)

@@ -10,12 +10,12 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 
+from orograph.arrays import F64
 from orograph.grid import Grid
 from orograph.report import palette
 from orograph.report.axonometric import Relief, draw_relief, picture_height, project
 from orograph.report.palette import HEIGHT, Picture
 
-F64 = npt.NDArray[np.float64]
 POINTS = "plasma"
 CLAY = LinearSegmentedColormap.from_list("clay", ["#b9b2a3", "#e9e4d8", "#faf8f2"])
 HALF_IN, FULL_IN = 5.6, 9.0

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import mapbox_earcut
 import numpy as np
-import numpy.typing as npt
 import shapely
 
+from orograph.arrays import F64, I32
 from orograph.scenario import Building, TerrainSpec
 from orograph.scene.mesh import Mesh
 from orograph.scene.terrain import ground_height_m
-
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
 
 SUNK_M = 2.0
 """Walls begin this far below the lowest ground at the footprint, so that no gap shows."""

@@ -6,15 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+
+from orograph.arrays import F64, I32
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """Vertices (n, 3) float64 [m] and faces (m, 3) int32, counter-clockwise seen from outside."""
 
-    vertices: npt.NDArray[np.float64]
-    faces: npt.NDArray[np.int32]
+    vertices: F64
+    faces: I32
 
     def __post_init__(self) -> None:
         assert self.vertices.dtype == np.float64 and self.vertices.shape[1:] == (3,), self.vertices.shape

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from orograph.arrays import F64
 from orograph.scenario import Scenario
 from orograph.scene.buildings import building_mesh
 from orograph.scene.mesh import Mesh, joined
@@ -39,7 +40,7 @@ class Scene:
         return joined([self.terrain_mesh, self.building_mesh])
 
     @cached_property
-    def _building_bounds(self) -> npt.NDArray[np.float64]:
+    def _building_bounds(self) -> F64:
         corners = [
             (*mesh.vertices[:, :2].min(axis=0), *mesh.vertices[:, :2].max(axis=0)) for mesh in self.building_meshes
         ]
@@ -53,7 +54,7 @@ class Scene:
         ground = terrain_mesh(self.scenario.terrain, self.scenario.grid.grid, rectangle_m)
         return ground, joined([self.building_meshes[i] for i in touching])
 
-    def height_m(self, x_m: npt.ArrayLike, y_m: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def height_m(self, x_m: npt.ArrayLike, y_m: npt.ArrayLike) -> F64:
         """Exact height of the ground [m], without buildings, at points of any common shape."""
         return ground_height_m(self.scenario.terrain, x_m, y_m)
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
+from orograph.arrays import F64
 from orograph.grid import Grid
 from orograph.layers import Layer
 from orograph.messages import Packed
@@ -18,7 +18,7 @@ COVERED = 0.4
 """A cell holds a building from this covered share of its area on."""
 
 
-def _cover_by(part: shapely.Polygon, grid: Grid, cover: npt.NDArray[np.float64]) -> None:
+def _cover_by(part: shapely.Polygon, grid: Grid, cover: F64) -> None:
     x0, y0, x1, y1 = part.bounds
     (row0, row1), (col0, col1) = grid.rows_cols([(x0, y0), (x1, y1)])
     rows, cols = (a.reshape(-1) for a in np.mgrid[max(row0, 0) : row1 + 1, max(col0, 0) : col1 + 1])
@@ -29,7 +29,7 @@ def _cover_by(part: shapely.Polygon, grid: Grid, cover: npt.NDArray[np.float64])
     cover[rows, cols] += shapely.area(shapely.intersection(cells, part)) / grid.cell_m**2
 
 
-def building_cover(scenario: Scenario, grid: Grid) -> npt.NDArray[np.float64]:
+def building_cover(scenario: Scenario, grid: Grid) -> F64:
     """Share of each cell's area (rows, cols) under footprints, overlaps counted once."""
     cover = np.zeros(grid.shape)
     together = shapely.union_all([footprint_polygon(building) for building in scenario.buildings])

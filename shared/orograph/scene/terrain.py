@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from orograph.arrays import F64
 from orograph.grid import Grid
 from orograph.scenario import TerrainSpec, Wave
 from orograph.scene.mesh import Mesh
-
-F64 = npt.NDArray[np.float64]
 
 MARGIN_M = 100.0
 """Ground goes on this far beyond the grid, so that rays near the edge meet what a robot would see."""

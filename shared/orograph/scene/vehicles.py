@@ -7,11 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import F64
 from orograph.scenario import PointM
-
-F64 = npt.NDArray[np.float64]
 
 CORNER_RADIUS_M = 5.0
 ARC_STEP_RAD = math.radians(5.0)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import F64
 from orograph.geometry import rotation_from_quaternion
 from orograph.messages import Packed
 from orograph.scenario import Scenario
-
-F64 = npt.NDArray[np.float64]
 
 ROBOT_CLEARANCE_M = 0.1
 """A robot's box reaches from this far above the ground to the robot's height."""

@@ -11,19 +11,15 @@ from collections import OrderedDict
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
 
+from orograph.arrays import F32, F64, I32
 from orograph.scene import Mesh, Scene
 from orograph.scene.mesh import joined
 from orograph.sensing.bodies import Boxes
 from orograph.sensing.ray_kernels import drop_beyond, nearest_box_hits, split_by_slope
-
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
 
 TILE_M = 50.0
 WINDOWS_KEPT = 4

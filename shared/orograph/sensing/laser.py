@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtri
 
+from orograph.arrays import F32, F64
 from orograph.geometry import ray_directions, rotation_from_quaternion
 from orograph.keys import robot_number
 from orograph.messages import RANGE_UNIT_M, Packed
@@ -17,9 +18,6 @@ from orograph.scene import Scene
 from orograph.sensing.bodies import Bodies, Boxes
 from orograph.sensing.casting import RayCaster
 from orograph.sensing.ray_kernels import range_image
-
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
 
 
 def laser_position_m(laser: LaserSpec, R_map_robot: F64, position_m: F64) -> F64:

@@ -8,9 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
-I32 = npt.NDArray[np.int32]
+from orograph.arrays import F32, F64, I32
 
 
 @njit(cache=True)

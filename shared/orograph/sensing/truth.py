@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from embreex.rtcore import EmbreeDevice
 
+from orograph.arrays import F32, F64, Mask
 from orograph.grid import Grid
 from orograph.layers import Layer
 from orograph.points import points_from_ranges
@@ -19,11 +20,8 @@ from orograph.sensing.bodies import NO_BOXES
 from orograph.sensing.casting import embree_scene, nearest_hits
 from orograph.sensing.laser import RangeImager, laser_position_m
 
-F32 = npt.NDArray[np.float32]
-F64 = npt.NDArray[np.float64]
 
-
-def _heights_from_above(scene: Scene, grid: Grid) -> tuple[F64, npt.NDArray[np.bool_]]:
+def _heights_from_above(scene: Scene, grid: Grid) -> tuple[F64, Mask]:
     """Top surface [m] under each cell's centre and whether a building makes it, both (rows, cols)."""
     ground, buildings = scene.meshes_in(grid.extent_m)
     x0, y0, x1, y1 = grid.extent_m
@@ -40,12 +38,12 @@ def _heights_from_above(scene: Scene, grid: Grid) -> tuple[F64, npt.NDArray[np.b
     return height.reshape(grid.shape), (depth < to_ground).reshape(grid.shape)
 
 
-def _block_mean(values: npt.NDArray[np.float64], factor: int) -> F64:
+def _block_mean(values: F64, factor: int) -> F64:
     rows, cols = values.shape
     return np.asarray(values.reshape(rows // factor, factor, cols // factor, factor).mean(axis=(1, 3)), np.float64)
 
 
-def top_surface(scene: Scene, grid: Grid, samples_per_cell: int = 4) -> tuple[Layer, npt.NDArray[np.bool_]]:
+def top_surface(scene: Scene, grid: Grid, samples_per_cell: int = 4) -> tuple[Layer, Mask]:
     """(height, occupied): mean true top surface [m], float32, and whether a cell can't be driven, both (rows, cols).
 
     Vertical rays at `samples_per_cell` x `samples_per_cell` places per cell. Occupied: at least 40 % of the places are

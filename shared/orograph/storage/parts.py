@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph import keys
+from orograph.arrays import I64
 from orograph.grid import Grid
 from orograph.layers import MAPPED_LAYERS, CellMap, Layer
 from orograph.scenario import Scenario
@@ -32,7 +33,7 @@ class RunParts:
     """seed, robots, mode, runner, commit, sim_time_s, wall_time_s, complete, copies_equal, deterministic."""
     nodes: Mapping[str, Arrays]
     """Node name (`laser/robot_001`) -> artifacts."""
-    stages_ns: Mapping[str, Mapping[str, npt.NDArray[np.int64]]] = field(default_factory=dict)
+    stages_ns: Mapping[str, Mapping[str, I64]] = field(default_factory=dict)
     """Node name -> stage -> durations [ns]."""
     bytes_up: Mapping[str, int] = field(default_factory=dict)
     """Robot -> bytes it sent on the radio plane."""

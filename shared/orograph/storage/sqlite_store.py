@@ -13,8 +13,8 @@ from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import I64
 from orograph.messages import REGISTER, Packed
 from orograph.protocol.epochs import NONCES_KEPT
 from orograph.protocol.store import CONFIDENT, Changes, Granted, StoreDamaged, StoredState, StoreFailed, StoreFull
@@ -49,7 +49,7 @@ class SqliteStore:
     def __init__(self, path: Path, shape: tuple[int, int], timed: Timed = nullcontext) -> None:
         """`timed` makes the context in which each commit runs."""
         self._path, self._shape, self._timed = path, shape, timed
-        self._register_sums: dict[int, npt.NDArray[np.int64]] = {}
+        self._register_sums: dict[int, I64] = {}
         self._hello_sums: dict[tuple[int, int], int] = {}
         try:
             self._db = sqlite3.connect(path, isolation_level=None, timeout=HOLD_TIMEOUT_S)
@@ -130,7 +130,7 @@ class SqliteStore:
         if checksum != _checksum(*key, content):
             raise self._refusal(f"it is damaged ({table} {key} does not match its checksum)")
 
-    def _sums_of(self, robot: int) -> npt.NDArray[np.int64]:
+    def _sums_of(self, robot: int) -> I64:
         return self._register_sums.setdefault(robot, np.zeros(self._shape[0] * self._shape[1], np.int64))
 
     def _read_registers(self) -> dict[int, Packed]:

@@ -13,10 +13,10 @@ import dartpy as dart
 import numpy as np
 import numpy.typing as npt
 
+from orograph.arrays import F64
 from orograph.scene import Mesh, Scene
 from orograph.scene.mesh import joined
 
-F64 = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 KEEL_DEPTH_M = 50.0

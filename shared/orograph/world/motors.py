@@ -8,13 +8,11 @@ track that makes a yaw rate of wheel speeds is the *effective* one; commands and
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import F64
 from orograph.scenario import RobotSpec
 from orograph.world.motor_kernels import ramp, servo_torques_nm
 from orograph.world.robot_body import WHEELS
-
-F64 = npt.NDArray[np.float64]
 
 SERVO_GAIN_NMS = 10.0
 """Torque per wheel speed error: what brings a free wheel of 0.05 kg m^2 there in one 5 ms step, so it never rings."""

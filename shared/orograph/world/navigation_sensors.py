@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from orograph.geometry import F64, roll_pitch_yaw, wrap_angle
+from orograph.arrays import F64
+from orograph.geometry import roll_pitch_yaw, wrap_angle
 from orograph.messages import Sensors
 from orograph.randomness import stream
 from orograph.scenario import Scenario

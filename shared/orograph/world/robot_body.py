@@ -12,10 +12,9 @@ import dartpy as dart
 import numpy as np
 import numpy.typing as npt
 
+from orograph.arrays import F64
 from orograph.scenario import RobotSpec
 from orograph.world.ground import isometry
-
-F64 = npt.NDArray[np.float64]
 
 WHEEL_FRICTION = 0.0
 CHASSIS_FRICTION = 0.3

@@ -9,12 +9,10 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import F64
 from orograph.scenario import Vehicle
 from orograph.scene import Scene
-
-F64 = npt.NDArray[np.float64]
 
 LOOK_AHEAD_M = 8.0
 """Free lane that a vehicle asks for before its nose, and more where it needs more to stop."""

@@ -6,10 +6,10 @@ import math
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-F64 = npt.NDArray[np.float64]
+from orograph.arrays import F64
+
 Number = Any
 """A float64; numba's typing leaves mypy no better word."""
 

@@ -10,13 +10,11 @@ exact solver took half of a step.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import F64
 from orograph.scenario import RobotSpec
 from orograph.world.robot_body import AXLE_INERTIA_KGM2
 from orograph.world.tyre_kernels import ANGLE, SPEED, roll_all
-
-F64 = npt.NDArray[np.float64]
 
 TYRE_FRICTION = 0.8
 """Rubber on dry asphalt."""

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import dartpy as dart
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import F64
 from orograph.geometry import roll_pitch_yaw
 from orograph.scenario import Vehicle
 from orograph.world.ground import isometry
-
-F64 = npt.NDArray[np.float64]
 
 CLEARANCE_M = 0.2
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import dartpy as dart
 import numpy as np
-import numpy.typing as npt
 
+from orograph.arrays import F64
 from orograph.geometry import quaternion
 from orograph.keys import robot_number
 from orograph.messages import POSE, Packed
@@ -20,8 +20,6 @@ from orograph.world.robot_body import RobotBody
 from orograph.world.traffic import Lane, Traffic
 from orograph.world.tyres import Tyres
 from orograph.world.vehicle_body import VehicleBody
-
-F64 = npt.NDArray[np.float64]
 
 STEP_NS = 5_000_000
 STEP_S = STEP_NS / 1e9

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from orograph import keys
 from orograph.messages import (
+    SECOND_NS,
     Envelope,
     Frame,
     ManagerStatus,
@@ -22,7 +23,7 @@ from orograph.messages import (
     RunEnd,
 )
 from orograph.mission.distances import DrivingDistances
-from orograph.mission.patrol import SECOND_NS, Patrol
+from orograph.mission.patrol import Patrol
 from orograph.nodes.orchestrator import OrchestratorNode
 from orograph.scenario import GridSpec, Scenario, Start
 
