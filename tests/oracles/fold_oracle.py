@@ -99,3 +99,16 @@ def fold_cell(prior: np.void, registers: Sequence[np.void], rules: Any = Default
         new["c"] = aged(new["c"], newest - int(register["tick"]), rules.half_life_ms)
         cell = fuse(cell, new, rules)
     return (*(cell[name] for name in ("height", "gradient_x", "gradient_y", "occupation")), half_away(cell["c"]))
+
+
+def fold_slowly(prior: np.ndarray, registers: np.ndarray) -> np.ndarray:
+    """The whole map: the prior of every cell (n,) with the values that its ROBOT_REGISTERs (m,) give."""
+    by_cell: dict[int, list[np.void]] = {}
+    for register in registers:
+        by_cell.setdefault(int(register["cell"]), []).append(register)
+    out = prior.copy()
+    for cell in range(len(prior)):
+        values = fold_cell(prior[cell], by_cell.get(cell, []))
+        for name, value in zip(("height", "gradient_x", "gradient_y", "occupation", "confidence"), values, strict=True):
+            out[name][cell] = value
+    return out

@@ -11,7 +11,7 @@ import numpy as np
 
 from orograph import keys
 from orograph.arrays import I64, Mask
-from orograph.judge.checks import Check, Ledger, checks, copies_equal, is_own_fold, lost_cells, read_ledger
+from orograph.judge.checks import Checks, Ledger, checks, lost_cells, read_ledger
 from orograph.judge.reference import Reference
 from orograph.judge.score import MapScore, Truth, coverage, mapping_times_s, score_maps, truth_of_map
 from orograph.judge.timing import table_2
@@ -59,7 +59,7 @@ class Verdict:
     glrm_score: tuple[MapScore, MapScore]
     """Against the true surface, against ideal scans."""
     hrm_score: tuple[MapScore, MapScore]
-    checks: list[Check]
+    checks: Checks
     tracks: Mapping[str, Track]
     radio: list[RadioRow]
     missing: tuple[str, ...]
@@ -91,12 +91,13 @@ def judge(parts: RunParts, reference: Reference) -> Verdict:
     surface, building = true_surface(scene, glrm, GLRM_SAMPLES)
     glrm_score = _both([(glrm, surface, building)], [(glrm, truth_of_map(reference.glrm), building)])
     hrm_score = _score_hrms(parts, scene, reference)
-    radio = [_radio(parts, ledger, robot) for robot in parts.robots]
-    figures = _figures(parts, ledger, glrm, reference, radio)
+    ways, promises = tracks(parts), checks(parts, ledger)
+    radio = [_radio(parts, ledger, ways, robot) for robot in parts.robots]
+    figures = _figures(parts, ledger, promises, glrm, reference, radio)
     figures["score"] = {"glrm": _score_figures(glrm_score), "hrm": _score_figures(hrm_score)}
     return Verdict(
         glrm=glrm, prior=prior, scene=scene, reference=reference, surface=surface, glrm_score=glrm_score,
-        hrm_score=hrm_score, checks=checks(parts, ledger), tracks=tracks(parts), radio=radio, missing=parts.missing(),
+        hrm_score=hrm_score, checks=promises, tracks=ways, radio=radio, missing=parts.missing(),
         summary=_json_ready(figures), sentence=sentence(parts, figures),
     )  # fmt: skip
 
@@ -127,7 +128,7 @@ def _score_hrms(parts: RunParts, scene: Scene, reference: Reference) -> tuple[Ma
 
 
 def _figures(
-    parts: RunParts, ledger: Ledger, glrm: CellMap, reference: Reference, radio: list[RadioRow]
+    parts: RunParts, ledger: Ledger, promises: Checks, glrm: CellMap, reference: Reference, radio: list[RadioRow]
 ) -> dict[str, Any]:
     run, sim_s, wall_s = parts.run, parts.sim_time_s, float(parts.run["wall_time_s"])
     told = [row for row in radio if row.robot in parts.staying or row.acked is not None]
@@ -145,8 +146,8 @@ def _figures(
         "wall_time_s": wall_s,
         "rtf": sim_s / wall_s if wall_s > 0 else None,
         "glrm_hash": None if ledger.glrm is None else map_hash(ledger.glrm).hex(),
-        "copies_hash_equal": copies_equal(parts, ledger),
-        "glrm_is_own_fold": is_own_fold(parts, ledger),
+        "copies_hash_equal": promises.copies_equal.ok,
+        "glrm_is_own_fold": promises.is_own_fold.ok,
         "coverage": coverage(glrm, reference.observable),
         "observable_cells": int(reference.observable.sum()),
         "mapping_time_s": {str(k): v for k, v in _mapping_times(parts, reference).items()},
@@ -168,9 +169,9 @@ def first_confident_ns(parts: RunParts) -> I64:
     return parts.of(keys.MANAGER).get("first_confident_ns", np.full(parts.glrm_grid.size, -1, np.int64))
 
 
-def _radio(parts: RunParts, ledger: Ledger, robot: str) -> RadioRow:
+def _radio(parts: RunParts, ledger: Ledger, ways: Mapping[str, Track], robot: str) -> RadioRow:
     up, down, seconds = parts.bytes_up.get(robot), parts.bytes_down.get(robot), max(parts.sim_time_s, 1e-9)
-    track = tracks(parts).get(robot)
+    track = ways.get(robot)
     copy = ledger.copies.get(robot)
     acked = len(ledger.acked[robot]) if robot in ledger.acked else None
     return RadioRow(

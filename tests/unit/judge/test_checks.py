@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 from orograph import keys
-from orograph.judge.checks import Check, checks, copies_equal, lost_cells, own_fold, read_ledger
+from orograph.judge.checks import checks, lost_cells, own_fold, read_ledger
 from orograph.storage.parts import RunParts
 
 ROBOT = keys.node(keys.MAPPING, "robot_001")
@@ -38,7 +38,6 @@ def test_a_good_run_keeps_every_promise(city_run: RunParts) -> None:
 def test_one_bit_in_one_copy_is_found(city_run: RunParts) -> None:
     bad = with_array(city_run, ROBOT, "copy", raised("height"))
     assert judged(bad) == [True, True, False, True, True]
-    assert copies_equal(bad, read_ledger(bad)) is False
 
 
 def test_who_has_gone_is_judged_by_what_was_acknowledged_alone(city_run: RunParts) -> None:
@@ -92,6 +91,6 @@ def test_what_is_missing_is_neither_kept_nor_broken(without: Callable[..., RunPa
 
 def test_an_unfinished_run_says_so(city_run: RunParts) -> None:
     bad = replace(city_run, run={**city_run.run, "complete": False, "deterministic": False})
-    found: list[Check] = checks(bad, read_ledger(bad))
+    found = checks(bad, read_ledger(bad))
     assert [c.ok for c in found[:2]] == [False, False]
     assert "Time was up" in found[0].found
