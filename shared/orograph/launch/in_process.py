@@ -1,8 +1,9 @@
-"""A mission in this process: the same nodes over the seeded radio model, for tests and studies."""
+"""A mission in this process: the same nodes over the seeded network, for tests and studies."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from orograph import keys
@@ -15,6 +16,8 @@ from orograph.nodes.navigator import NavigatorNode
 from orograph.nodes.orchestrator import OrchestratorNode
 from orograph.nodes.robot_mapping import RobotMappingNode
 from orograph.nodes.world import WorldNode
+from orograph.protocol.store import Store
+from orograph.runtime.network import Network, Spell
 from orograph.runtime.rounds import Rounds
 from orograph.scenario import Scenario
 from orograph.stages import StageRecorder
@@ -24,12 +27,14 @@ from orograph.storage.sqlite_store import SqliteStore
 SHOW_EVERY_S = 0.3
 
 
-def build_rounds(scenario: Scenario, out: Path, recording: Recording, stages: dict[str, StageRecorder]) -> Rounds:
-    """All nodes of a run; stage recorders are added to `stages`."""
+def build_rounds(
+    scenario: Scenario, store: Store, recording: Recording, stages: dict[str, StageRecorder],
+    forecast: Sequence[Spell] = (),
+) -> Rounds:  # fmt: skip
+    """All nodes of a run in the radio's `forecast` weather; stage recorders are added to `stages`."""
     robots = scenario.robot_ids
     mapping = [keys.node(keys.MAPPING, r) for r in robots]
     stages.update({name: StageRecorder(time.perf_counter_ns) for name in (keys.MANAGER, *mapping)})
-    store = SqliteStore(out / "map.sqlite", scenario.grid.grid.shape)
     nodes: list[Node] = [
         MapManagerNode(scenario, robots, store, stages[keys.MANAGER]),
         OrchestratorNode(scenario, robots, scenario.seed),
@@ -41,7 +46,12 @@ def build_rounds(scenario: Scenario, out: Path, recording: Recording, stages: di
         ),
     ]
     world = WorldNode(scenario, robots, scenario.seed)
-    return Rounds(scenario, world, nodes, lambda m: len(wire.encode(m)) + wire.HEADER.size, recording.note)
+    nodes.append(world)
+    network = Network(
+        scenario, [n.name for n in nodes], world.radio_up, forecast,
+        lambda message: len(wire.encode(message)) + wire.HEADER.size,
+    )  # fmt: skip
+    return Rounds(scenario.frame_ns, nodes, network, recording.note)
 
 
 def run_in_process(scenario: Scenario, out: Path, on_progress: OnProgress) -> None:
@@ -52,7 +62,8 @@ def run_in_process(scenario: Scenario, out: Path, on_progress: OnProgress) -> No
 
 def _run(scenario: Scenario, out: Path, recording: Recording, on_progress: OnProgress) -> None:
     stages: dict[str, StageRecorder] = {}
-    rounds = build_rounds(scenario, out, recording, stages)
+    store = SqliteStore(out / "map.sqlite", scenario.grid.grid.shape)
+    rounds = build_rounds(scenario, store, recording, stages)
     begin_s = shown_s = time.monotonic()
     world = next(n for n in rounds.nodes if isinstance(n, WorldNode))
     while world.ended is None:
@@ -60,11 +71,12 @@ def _run(scenario: Scenario, out: Path, recording: Recording, on_progress: OnPro
         if time.monotonic() - shown_s > SHOW_EVERY_S:
             shown_s = time.monotonic()
             on_progress({n.name: dict(n.telemetry()) for n in rounds.nodes}, [])
+    network = rounds.network
     for node in rounds.nodes:
         recording.save(node)
     for name, recorder in stages.items():
         recording.save_stages(name, recorder)
-    recording.save_json("bytes-in-process", {"up": dict(rounds.bytes_up), "down": dict(rounds.bytes_down)})
+    recording.save_json("bytes-in-process", {"up": dict(network.bytes_up), "down": dict(network.bytes_down)})
     recording.save_json("world", {
         "sim_time_s": rounds.stamp_ns * 1e-9, "wall_time_s": time.monotonic() - begin_s,
         "complete": world.ended.complete, "copies_equal": world.ended.copies_equal, "deterministic": True,

@@ -16,6 +16,7 @@ from orograph.comms.bus import Bus
 from orograph.comms.mailbox import Mailbox
 from orograph.launch.in_process import build_rounds
 from orograph.protocol import manager, validate
+from orograph.protocol.store import MemoryStore
 from orograph.runtime import metric_names, metrics
 from orograph.runtime.metric_names import TELEMETRY, Metric, label_of, place
 from orograph.runtime.metrics import Figures
@@ -47,7 +48,7 @@ def telemetry(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, f
     """What each node of a mission tells after a few seconds."""
     out, scenario = tmp_path_factory.mktemp("run"), load_scenario("scenarios/tiny")
     with Recording(out, "in-process") as recording:
-        rounds = build_rounds(scenario, out, recording, {})
+        rounds = build_rounds(scenario, MemoryStore(), recording, {})
         for _ in range(FRAMES):
             rounds.step()
         return {node.name: dict(node.telemetry()) for node in rounds.nodes}
