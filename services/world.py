@@ -45,7 +45,7 @@ def _turn(bus: Bus, briefing: Briefing, watchdog: Watchdog, start_with: int | No
         host.save(keys.WORLD, {})
         recording.save_json("world", {
             "sim_time_s": node.world.stamp_ns * 1e-9, "wall_time_s": clock.wall_time_s,
-            "complete": bool(node.ended and node.ended.complete), "deterministic": clock.lost == 0,
+            "complete": bool(node.ended and node.ended.complete), "deterministic": clock.deterministic,
             "copies_equal": bool(node.ended and node.ended.copies_equal),
         })  # fmt: skip
 

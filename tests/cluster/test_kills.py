@@ -45,7 +45,7 @@ def test_a_killed_part_costs_nothing_that_was_acknowledged(name: str, frames: li
     finish(TINY, out, "processes", begin_s)
     summary = json.loads((out / "summary.json").read_text())
     assert nemesis.kills == kills
-    assert summary["complete"]
+    assert summary["complete"] and not summary["deterministic"]
     assert summary["cells_lost"] == 0 and summary["cells_acked"] > 100
     assert summary["copies_hash_equal"] and summary["glrm_is_own_fold"]
 

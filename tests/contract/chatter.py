@@ -35,7 +35,7 @@ class Chatter:
 
     def __init__(self, name: str, peers: Sequence[str], plane: str = keys.SIM) -> None:
         self.name, self._peers, self._plane = name, peers, plane
-        self.state, self.frames, self.stepped = 1, 0, threading.Event()
+        self.state, self.frames, self.goal, self.stepped = 1, 0, FRAMES, threading.Event()
 
     def step(self, frame: Frame, inbox: Sequence[Envelope], send: Callable, note: Callable) -> None:
         for envelope in inbox:
@@ -102,12 +102,12 @@ def participate(endpoint: str, node: Chatter, watchdog: Stop, out: Path) -> thre
 
 
 def make_clock(
-    bus: Bus, world: Chatter, watchdog: Stop, recording: Recording, wanted: Sequence[str], frames: int = FRAMES
+    bus: Bus, world: Chatter, watchdog: Stop, recording: Recording, wanted: Sequence[str], scenario: Scenario = SCENARIO
 ) -> Clock:  # fmt: skip
-    host = NodeHost(bus, [world], SCENARIO, recording)
-    muster = lambda nodes: set(wanted) - nodes  # noqa: E731
+    host = NodeHost(bus, [world], scenario, recording)
+    roster = lambda nodes: set(wanted) - nodes  # noqa: E731
     return Clock(
-        bus, host, SCENARIO, watchdog, ended=lambda: world.frames >= frames, down=lambda: (), muster=muster
+        bus, host, scenario, watchdog, ended=lambda: world.frames >= world.goal, down=lambda: (), roster=roster
     )  # fmt: skip
 
 
@@ -122,7 +122,7 @@ def assert_steps_as_one_process(where: Mapping[str, str], out: Path) -> None:
     for thread in threads:
         thread.join(10)
         assert not thread.is_alive()
-    assert clock.lost == 0
+    assert clock.lost == 0 and clock.deterministic
     assert {n: c.frames for n, c in chatters.items()} == dict.fromkeys(NAMES, FRAMES)
     assert {n: c.state for n, c in chatters.items()} == in_one_process()
 

@@ -1,9 +1,11 @@
 """Lockstep over a real router: the same rounds as in one process, and a participant may die or join."""
 
+import sys
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import pytest
 from contract.chatter import (
     NAMES,
     SCENARIO,
@@ -27,12 +29,14 @@ def test_processes_over_zenoh_step_as_one_process_does(endpoint: str, tmp_path: 
     assert_steps_as_one_process(dict.fromkeys(NAMES, endpoint), tmp_path)
 
 
-def test_who_leaves_is_not_waited_for_and_may_come_back(endpoint: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("comes_back", [False, True])
+def test_who_leaves_is_not_waited_for_and_may_come_back(endpoint: str, tmp_path: Path, comes_back: bool) -> None:
     watchdog, leaver, chatters = Stop(), Stop(), make_chatters()
+    chatters[keys.WORLD].goal = sys.maxsize
     stays = participate(endpoint, chatters[keys.MANAGER], watchdog, tmp_path)
     leaves = participate(endpoint, chatters[keys.ORCHESTRATOR], leaver, tmp_path)
     with Recording(tmp_path, "world") as recording, Bus.open(endpoint, None, watchdog.stop) as bus:
-        clock = make_clock(bus, chatters[keys.WORLD], watchdog, recording, NAMES[1:3], frames=10_000_000)
+        clock = make_clock(bus, chatters[keys.WORLD], watchdog, recording, NAMES[1:3])
         clock.await_start()
         ticking = threading.Thread(target=clock.run, daemon=True)
         ticking.start()
@@ -41,16 +45,39 @@ def test_who_leaves_is_not_waited_for_and_may_come_back(endpoint: str, tmp_path:
         leaves.join(10)
         assert not leaves.is_alive()
         await_progress(chatters[keys.MANAGER])
-        back = Chatter(keys.ORCHESTRATOR, [keys.WORLD])
         assert ticking.is_alive()
-        again = participate(endpoint, back, watchdog, tmp_path)
-        assert back.stepped.wait(10)
+        threads = [stays, *([come_back(endpoint, watchdog, tmp_path)] if comes_back else [])]
         await_progress(chatters[keys.MANAGER])
-        watchdog.stop.set()
+        chatters[keys.WORLD].goal = 0
         ticking.join(20)
-    for thread in (stays, again):
+    for thread in threads:
         thread.join(10)
         assert not thread.is_alive()
+    assert not clock.deterministic
+
+
+def come_back(endpoint: str, watchdog: Stop, out: Path) -> threading.Thread:
+    back = Chatter(keys.ORCHESTRATOR, [keys.WORLD])
+    thread = participate(endpoint, back, watchdog, out)
+    assert back.stepped.wait(10)
+    return thread
+
+
+@pytest.mark.parametrize(("pace", "is_stopped"), [(100.0, False), ("max", True)])
+def test_a_paced_or_stopped_run_promises_no_map(
+    endpoint: str, tmp_path: Path, pace: float | str, is_stopped: bool
+) -> None:  # fmt: skip
+    watchdog, world, manager = Stop(), Chatter(keys.WORLD, []), Chatter(keys.MANAGER, [])
+    thread = participate(endpoint, manager, watchdog, tmp_path)
+    with Recording(tmp_path, "world") as recording, Bus.open(endpoint, None, watchdog.stop) as bus:
+        scenario = SCENARIO.model_copy(update={"time_scale": pace})
+        clock = make_clock(bus, world, watchdog, recording, [keys.MANAGER], scenario)
+        clock.await_start()
+        if is_stopped:
+            watchdog.stop.set()
+        clock.run()
+    thread.join(10)
+    assert not clock.deterministic
 
 
 def test_the_end_reaches_the_world_as_a_message(endpoint: str, tmp_path: Path) -> None:
@@ -71,9 +98,9 @@ def test_the_end_reaches_the_world_as_a_message(endpoint: str, tmp_path: Path) -
     thread = participate(endpoint, ender, watchdog, tmp_path)
     with Recording(tmp_path, "world") as recording, Bus.open(endpoint, None, watchdog.stop) as bus:
         host = NodeHost(bus, [world], SCENARIO, recording)
-        muster = lambda nodes: {keys.ORCHESTRATOR} - nodes  # noqa: E731
+        roster = lambda nodes: {keys.ORCHESTRATOR} - nodes  # noqa: E731
         clock = Clock(
-            bus, host, SCENARIO, watchdog, ended=lambda: world.ended is not None, down=lambda: (), muster=muster
+            bus, host, SCENARIO, watchdog, ended=lambda: world.ended is not None, down=lambda: (), roster=roster
         )  # fmt: skip
         clock.await_start()
         clock.run()

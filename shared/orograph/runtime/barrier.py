@@ -25,15 +25,18 @@ class Barrier:
         self._joined: dict[str, frozenset[str]] = {}
         self._alive: set[str] = set()
         self._answers: dict[str, dict[str, Any]] = {}
+        self._first_roster: list[str] | None = None
         self.lost = 0
+        self.steady = True
+        """Nobody has left or come since the first tick; who comes back is somebody new."""
         bus.watch_alive(self._on_token)
         bus.hear(f"{keys.DONE}/*", self._on_answer)
 
     def _on_token(self, service: str, instance: str, robots: tuple[str, ...], alive: bool) -> None:
         with self._changed:
             (self._alive.add if alive else self._alive.discard)(instance)
-            if not alive:
-                self._joined.pop(instance, None)
+            if not alive and self._joined.pop(instance, None) is not None:
+                self.steady = self.steady and self._first_roster is None
             self._changed.notify_all()
 
     def _on_answer(self, payload: bytes) -> None:
@@ -62,6 +65,8 @@ class Barrier:
         """Publish a frame's tick to all who take part; returns them."""
         with self._changed:
             roster = sorted(i for i in self._joined if i in self._alive)
+            self._first_roster = roster if self._first_roster is None else self._first_roster
+            self.steady = self.steady and roster == self._first_roster
         self._payload = wire.pack_plain({**tick, "frame": frame, "roster": roster})
         self._bus.tell(keys.TICK, self._payload)
         return roster

@@ -34,6 +34,8 @@ class Clock:
         self._ended, self._down, self._roster = ended, down, roster
         self._barrier = Barrier(bus)
         self.frame, self.wall_time_s, self.lost = 0, 0.0, 0
+        self.deterministic = False
+        """Known once `run` is over: the same scenario and seed would give the same map again."""
 
     def await_start(self) -> None:
         """Hold frame 0 until all that are needed take part; what is missing is said every few seconds."""
@@ -57,6 +59,7 @@ class Clock:
             self._keep_pace(begin_s)
         self.wall_time_s = time.monotonic() - begin_s
         self.lost += self._barrier.lost
+        self.deterministic = self._scale == "max" and self._ended() and self._barrier.steady and not self.lost
         self._bid_farewell()
 
     def _turn(self, counted: dict[str, Any], down: frozenset[str]) -> tuple[dict[str, Any], frozenset[str]]:
