@@ -1,4 +1,4 @@
-"""Map values as the integers that travel and are folded (protocol.md, "Register"), and back."""
+"""Map values as the integers that travel and are folded (protocol.md, "State"), and back."""
 
 from __future__ import annotations
 
