@@ -122,10 +122,10 @@ class VersionsStartAgain(ManagerSync):
 class StoreForgotten(ManagerSync):
     """Recovers the registers of the first robot only."""
 
-    def __init__(self, shape, prior, rules, store, robots):
+    def __init__(self, shape, prior, rules, store, robots, limits):
         held = store.load()
         kept = {robot: rows for robot, rows in held.registers.items() if robot == 1}
-        super().__init__(shape, prior, rules, _Shown(store, replace(held, registers=kept)), robots)
+        super().__init__(shape, prior, rules, _Shown(store, replace(held, registers=kept)), robots, limits=limits)
 
 
 class _Shown:
@@ -156,8 +156,8 @@ class RepairLeavesCellsOut(ManagerSync):
 class _WithCopy(RobotSync):
     copy_class: type[GlrmCopy] = GlrmCopy
 
-    def __init__(self, robot, shape, prior, nonce, seed):
-        super().__init__(robot, shape, prior, nonce, seed)
+    def __init__(self, robot, shape, prior, nonce, seed, limits):
+        super().__init__(robot, shape, prior, nonce, seed, limits)
         self.copy = self.copy_class(shape, prior)
 
 
@@ -282,8 +282,8 @@ class FencedFightsBack(RobotSync):
 class SameNonceAfterRestart(RobotSync):
     """Every instance of a robot introduces itself by one name: the manager cannot tell two lives apart."""
 
-    def __init__(self, robot, shape, prior, nonce, seed):
-        super().__init__(robot, shape, prior, robot.encode().ljust(16), seed)
+    def __init__(self, robot, shape, prior, nonce, seed, limits):
+        super().__init__(robot, shape, prior, robot.encode().ljust(16), seed, limits)
 
 
 class TakesAnyWelcome(RobotSync):

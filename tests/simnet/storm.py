@@ -6,16 +6,13 @@ seconds, then heal, then the flush, then quiet; the checkers judge the history.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from unittest import mock
 
 import numpy as np
 from orograph.messages import UPDATE, Ack, Batch, Delta, Fenced
-from orograph.protocol import downlink, outbox
 from orograph.protocol.downlink import SendTo
 from orograph.protocol.fold import ROBOT_REGISTER, FoldRules, fold_registers
+from orograph.protocol.limits import Limits
 from orograph.protocol.manager import ManagerSync
 from orograph.protocol.robot import RobotSync
 from orograph.protocol.store import Changes, MemoryStore, StoreFailed
@@ -30,6 +27,8 @@ FRAME_MS = 200
 STORM_FRAMES = 60
 QUIET_WITHIN_FRAMES = 400
 RULES = FoldRules()
+SMALL = Limits(batch_cells=20, largest_change_share=5, part_cells=24, answers_per_step=3, parts_per_robot=2)
+"""Cut down to this small map, so that answers come in parts and batches wait for room."""
 
 
 def make_prior() -> np.ndarray:
@@ -126,11 +125,11 @@ class Storm:
         self._started += 1
         self.history.restarts += 1
         nonce = self.seed.to_bytes(8, "little") + self._started.to_bytes(8, "little")
-        sync = self._robot_class(robot, SHAPE, PRIOR, nonce, self.seed)
+        sync = self._robot_class(robot, SHAPE, PRIOR, nonce, self.seed, SMALL)
         self._instances.append(Instance(robot, self._started, sync))
 
     def _new_manager(self) -> ManagerSync:
-        return self._manager_class(SHAPE, PRIOR, RULES, self._store, self._robots)
+        return self._manager_class(SHAPE, PRIOR, RULES, self._store, self._robots, limits=SMALL)
 
     def _restart_robot(self, robot: str) -> None:
         self._instances = [instance for instance in self._instances if instance.robot != robot]
@@ -322,21 +321,7 @@ def run_storm(
 ) -> History:  # fmt: skip
     """The history of a seed's storm, with the fault-free map to compare where that is promised (if `compare`)."""
     faults = storm_of(seed)
-    with _small_pieces():
-        history = Storm(seed, faults, robot_class, manager_class).run()
-        if compare and not (faults.robot_restarts or faults.twins):
-            history.fault_free_hash = Storm(seed, NONE).run().manager_hash
+    history = Storm(seed, faults, robot_class, manager_class).run()
+    if compare and not (faults.robot_restarts or faults.twins):
+        history.fault_free_hash = Storm(seed, NONE).run().manager_hash
     return history
-
-
-@contextmanager
-def _small_pieces() -> Iterator[None]:
-    """Limits cut down to this small map, so that answers come in parts and batches wait for room."""
-    limits = {
-        downlink: {"PART_CELLS": 24, "ANSWERS_PER_STEP": 3, "PARTS_PER_ROBOT": 2},
-        outbox: {"BATCH_CELLS": 20, "LARGEST_CHANGE_SHARE": 5},
-    }
-    with ExitStack() as stack:
-        for module, values in limits.items():
-            stack.enter_context(mock.patch.multiple(module, **values))
-        yield

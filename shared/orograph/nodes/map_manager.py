@@ -12,6 +12,7 @@ from orograph import keys
 from orograph.messages import Envelope, Frame, ManagerStatus, Message
 from orograph.node import Note, Send
 from orograph.protocol.fold import FoldRules
+from orograph.protocol.limits import LIMITS, Limits
 from orograph.protocol.manager import ManagerSync
 from orograph.protocol.store import Store
 from orograph.scenario import Scenario
@@ -25,11 +26,14 @@ COVERAGE = np.dtype([("stamp_ns", "<i8"), ("confident_cells", "<u4"), ("version"
 class MapManagerNode:
     """Glue of `ManagerSync`; raises StoreFailed from `step`, upon which the process must end and recover."""
 
-    def __init__(self, scenario: Scenario, robots: tuple[str, ...], store: Store, stage: Stage = untimed) -> None:
+    def __init__(
+        self, scenario: Scenario, robots: tuple[str, ...], store: Store, stage: Stage = untimed,
+        limits: Limits = LIMITS,
+    ) -> None:  # fmt: skip
         self.name = keys.node(keys.MANAGER)
         grid, self._robots = scenario.grid.grid, robots
         self._prior = prior_records(scenario)
-        self._sync = ManagerSync(grid.shape, self._prior, FoldRules.of(scenario.rules), store, robots, stage)
+        self._sync = ManagerSync(grid.shape, self._prior, FoldRules.of(scenario.rules), store, robots, stage, limits)
         self._status_due_ns = 0
         self._coverage: list[tuple[int, int, int]] = []
 

@@ -30,6 +30,7 @@ from orograph.messages import (
     Scan,
 )  # fmt: skip
 from orograph.node import Note, Send
+from orograph.protocol.limits import LIMITS, Limits
 from orograph.protocol.robot import RobotSync
 from orograph.registers import unpack
 from orograph.scenario import Scenario
@@ -47,7 +48,9 @@ POSE_WAIT_FRAMES = 5
 class RobotMappingNode:
     """Glue of `RobotMapper` and `RobotSync`; `nonce` is 16 bytes that no other instance has."""
 
-    def __init__(self, scenario: Scenario, robot: str, seed: int, nonce: bytes, stage: Stage = untimed) -> None:
+    def __init__(
+        self, scenario: Scenario, robot: str, seed: int, nonce: bytes, stage: Stage = untimed, limits: Limits = LIMITS,
+    ) -> None:  # fmt: skip
         self.name = keys.node(keys.MAPPING, robot)
         self._navigator = keys.node(keys.NAVIGATOR, robot)
         grid, prior = scenario.grid.grid, prior_records(scenario)
@@ -57,7 +60,7 @@ class RobotMappingNode:
             scenario.laser.range_max_m, scenario.robot.slope_max, given, stage,
         )  # fmt: skip
         self._prior = unpack(prior, grid, *given)
-        self._sync = RobotSync(robot, grid.shape, prior, nonce, seed)
+        self._sync = RobotSync(robot, grid.shape, prior, nonce, seed, limits)
         self._offered = Held(grid.size)
         self._arrivals = ScanPoseSync(POSE_WAIT_FRAMES * scenario.frame_ns)
         self._directions, self._laser_height_m = ray_directions(scenario.laser), scenario.laser.height_above_base_m

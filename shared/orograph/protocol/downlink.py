@@ -9,28 +9,21 @@ import numpy as np
 
 from orograph.arrays import I64
 from orograph.messages import CellsRequest, Delta, Digest, Message, Packed, Welcome
+from orograph.protocol.limits import Limits
 from orograph.protocol.tiles import TileHashes, Tiles
 
 BEAT_NS = 500_000_000
 DIGEST_NS = 2_000_000_000
-PART_CELLS = 1024
-ANSWERS_PER_STEP = 32
-"""Parts of welcomes and repairs in one step, over all robots in turn."""
-PARTS_PER_ROBOT = 4
 
 SendTo = Callable[[str | None, Message], None]
 """send(robot, message); None is every robot."""
 
 
-def _cut(items: I64 | Packed) -> list[I64]:
-    return np.split(items, range(PART_CELLS, len(items), PART_CELLS))
-
-
 class Downlink:
     """Publishes `cells` (CELL, committed values only, owned by the manager) of one manager epoch."""
 
-    def __init__(self, manager_epoch: int, version: int, tiles: Tiles, cells: Packed) -> None:
-        self._epoch, self._tiles, self._cells = manager_epoch, tiles, cells
+    def __init__(self, manager_epoch: int, version: int, tiles: Tiles, cells: Packed, limits: Limits) -> None:
+        self._epoch, self._tiles, self._cells, self._limits = manager_epoch, tiles, cells, limits
         self._hashes = TileHashes(tiles, cells)
         self._published = self.version = version
         self._beat_due_ns = self._digest_due_ns = 0
@@ -60,9 +53,11 @@ class Downlink:
                 del self._answers[robot, what]
         self._answers[key] = parts
 
-    @staticmethod
-    def _welcome_parts(nonce: bytes, epoch: int, row: Packed) -> Iterator[Message]:
-        parts = _cut(row)
+    def _cut(self, items: I64 | Packed) -> list[I64]:
+        return np.split(items, range(self._limits.part_cells, len(items), self._limits.part_cells))
+
+    def _welcome_parts(self, nonce: bytes, epoch: int, row: Packed) -> Iterator[Message]:
+        parts = self._cut(row)
         for number, part in enumerate(parts):
             yield Welcome(nonce, epoch, number, len(parts), part)
 
@@ -79,7 +74,7 @@ class Downlink:
 
         Whole tiles (`first` = `last`) are marked as of now, so that they replace whatever the copy holds.
         """
-        parts = _cut(cells)
+        parts = self._cut(cells)
         for number, part in enumerate(parts):
             values = self._cells[part]
             if first == last:
@@ -107,9 +102,10 @@ class Downlink:
 
     def _send_answers(self, send: SendTo) -> None:
         """Every robot in turn, one part at a time, until the step's allowance is spent."""
-        for key in list(self._answers)[:ANSWERS_PER_STEP]:
+        most = self._limits.answers_per_step
+        for key in list(self._answers)[:most]:
             answer = self._answers.pop(key)
-            for _ in range(min(PARTS_PER_ROBOT, max(1, ANSWERS_PER_STEP // (len(self._answers) + 1)))):
+            for _ in range(min(self._limits.parts_per_robot, max(1, most // (len(self._answers) + 1)))):
                 part = next(answer, None)
                 if part is None:
                     break

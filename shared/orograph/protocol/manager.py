@@ -17,13 +17,11 @@ from orograph.protocol.downlink import Downlink, SendTo
 from orograph.protocol.epochs import Epochs
 from orograph.protocol.fold import FoldRules
 from orograph.protocol.ledger import Ledger
+from orograph.protocol.limits import LIMITS, Limits
 from orograph.protocol.store import Changes, Granted, Store, StoreFull
 from orograph.protocol.tiles import Tiles, map_hash
 from orograph.protocol.validate import fault
 from orograph.stages import Stage, untimed
-
-MESSAGES_PER_STEP = 16
-"""From one robot; more are counted and dropped, so that a flood costs nobody else."""
 
 REASONS_NOTED_MAX = 1_000
 
@@ -51,9 +49,9 @@ class ManagerSync:
 
     def __init__(
         self, shape: tuple[int, int], prior: Packed, rules: FoldRules, store: Store, robots: Sequence[str],
-        stage: Stage = untimed,
+        stage: Stage = untimed, limits: Limits = LIMITS,
     ) -> None:  # fmt: skip
-        held = store.load()
+        held, self._limits = store.load(), limits
         self._size, self._tiles = shape[0] * shape[1], Tiles(shape)
         self._numbers = {robot: robot_number(robot) for robot in robots}
         self._store, self._stage = store, stage
@@ -63,7 +61,7 @@ class ManagerSync:
         self._epochs = Epochs(held.granted)
         self.manager_epoch = held.manager_epoch + 1
         self.version = held.version
-        self._downlink = Downlink(self.manager_epoch, self.version, self._tiles, self._ledger.glrm)
+        self._downlink = Downlink(self.manager_epoch, self.version, self._tiles, self._ledger.glrm, limits)
         self._begun = False
         self.store_full = False
         self.rejected: Counter[str] = Counter()
@@ -125,7 +123,7 @@ class ManagerSync:
             heard[robot] += 1
             if robot not in self._numbers:
                 reason: str | None = "unknown-robot"
-            elif heard[robot] > MESSAGES_PER_STEP:
+            elif heard[robot] > self._limits.messages_per_step:
                 reason = "flood"
             else:
                 reason = fault(message, self._size, self._tiles.count, now_ns)

@@ -11,11 +11,8 @@ import numpy.typing as npt
 from orograph.arrays import I64
 from orograph.messages import REGISTER, UPDATE, Packed
 from orograph.protocol.fold import same_values
+from orograph.protocol.limits import Limits
 
-BATCH_CELLS = 256
-BATCHES_IN_FLIGHT = 4
-LARGEST_CHANGE_SHARE = 64
-"""Of a batch's 256 cells, so many go to the largest changes once the backlog is longer than a batch."""
 ANSWER_WITHIN_NS = 1_000_000_000
 """A batch without its ack for so long counts as lost."""
 
@@ -30,7 +27,8 @@ class _Flight:
 class Outbox:
     """Own registers (cells,) of UPDATE, those last acknowledged, and the batches on their way."""
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, limits: Limits) -> None:
+        self._limits = limits
         self.own = np.zeros(size, UPDATE)
         self._acked = np.zeros(size, UPDATE)
         self.own["cell"] = self._acked["cell"] = np.arange(size)
@@ -78,11 +76,11 @@ class Outbox:
         self.waiting = int(np.count_nonzero(self._dirty))
 
     def next_batch(self, now_ns: int) -> Packed:
-        """Up to 256 dirty records that are not on their way: oldest first, with a share for the largest change."""
-        if self.flights >= BATCHES_IN_FLIGHT or not self.waiting:
+        """A batch of dirty records that are not on their way: oldest first, with a share for the largest change."""
+        if self.flights >= self._limits.batches_in_flight or not self.waiting:
             return np.zeros(0, UPDATE)
         waiting = np.flatnonzero(self._dirty & ~self._in_flight)
-        if len(waiting) > BATCH_CELLS:
+        if len(waiting) > self._limits.batch_cells:
             waiting = self._choose(waiting)
         batch: Packed = self.own[waiting]
         if len(batch):
@@ -92,8 +90,9 @@ class Outbox:
 
     def _choose(self, waiting: I64) -> I64:
         oldest = waiting[np.argsort(self._dirty_since[waiting], kind="stable")]
-        first, rest = np.split(oldest, [BATCH_CELLS - LARGEST_CHANGE_SHARE])
-        largest = rest[np.argsort(-self._change(rest), kind="stable")][:LARGEST_CHANGE_SHARE]
+        share = self._limits.largest_change_share
+        first, rest = np.split(oldest, [self._limits.batch_cells - share])
+        largest = rest[np.argsort(-self._change(rest), kind="stable")][:share]
         return np.sort(np.concatenate([first, largest]))
 
     def _change(self, cells: I64) -> I64:

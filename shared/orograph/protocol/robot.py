@@ -13,7 +13,8 @@ from orograph.protocol.backoff import Backoff
 from orograph.protocol.copy import GlrmCopy
 from orograph.protocol.fold import whole_prior
 from orograph.protocol.joining import Joining
-from orograph.protocol.outbox import BATCHES_IN_FLIGHT, Outbox
+from orograph.protocol.limits import LIMITS, Limits
+from orograph.protocol.outbox import Outbox
 
 LINK_UP_NS = 5_000_000_000
 SILENCE_NS = 2_500_000_000
@@ -34,10 +35,13 @@ class SyncResult:
 class RobotSync:
     """Step object; `prior` is the whole GLRM prior (UPDATE), `nonce` 16 bytes that no other instance has."""
 
-    def __init__(self, robot: str, shape: tuple[int, int], prior: Packed, nonce: bytes, seed: int) -> None:
+    def __init__(
+        self, robot: str, shape: tuple[int, int], prior: Packed, nonce: bytes, seed: int, limits: Limits = LIMITS,
+    ) -> None:  # fmt: skip
         size = shape[0] * shape[1]
+        self._limits = limits
         self.copy = GlrmCopy(shape, whole_prior(prior, size))
-        self._outbox = Outbox(size)
+        self._outbox = Outbox(size, limits)
         self._joining = Joining(robot, size, nonce, seed)
         self._batches = Backoff(seed, "robot-mapping", robot, "batch")
         self._requests = Backoff(seed, "robot-mapping", robot, "request")
@@ -139,7 +143,7 @@ class RobotSync:
 
     def _send_batches(self, epoch: int, now_ns: int, send: Callable[[Message], None]) -> None:
         """One batch to try a silent link; as many as may be in flight where answers come, so that a backlog drains."""
-        for _ in range(1 if self._batches.backed_off else BATCHES_IN_FLIGHT):
+        for _ in range(1 if self._batches.backed_off else self._limits.batches_in_flight):
             records = self._outbox.next_batch(now_ns)
             if not len(records):
                 return

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from orograph.messages import UPDATE, Ack, Batch, CellsRequest, Delta, Digest, Fenced, Hello, Pose, Welcome
 from orograph.protocol.fold import FoldRules
-from orograph.protocol.manager import MESSAGES_PER_STEP, ManagerSync
+from orograph.protocol.limits import LIMITS, Limits
+from orograph.protocol.manager import ManagerSync
 from orograph.protocol.store import MemoryStore, StoreFailed
 
 SHAPE = (40, 40)
@@ -31,12 +32,13 @@ def records(cells, seq=1, height=100, tick=0, confidence=50) -> np.ndarray:
 class Played:
     """A manager, its store, a clock, what it sent, what it noted."""
 
-    def __init__(self):
+    def __init__(self, limits=LIMITS):
         self.store, self.now_ns, self.sent, self.notes = MemoryStore(), 0, [], []
+        self.limits = limits
         self.restart()
 
     def restart(self):
-        self.sync = ManagerSync(SHAPE, some_prior(), FoldRules(), self.store, [A, B])
+        self.sync = ManagerSync(SHAPE, some_prior(), FoldRules(), self.store, [A, B], limits=self.limits)
 
     def step(self, *inbox, seconds=0.1):
         self.now_ns += round(seconds * 1e9)
@@ -152,7 +154,7 @@ def test_tick_just_within_the_future_is_taken(manager):
 
 
 def test_unknown_robot_and_flood_are_rejected(manager):
-    manager.step(("robot_009", Hello(b"q" * 16)), *[(A, Batch(1, records([3])))] * (MESSAGES_PER_STEP + 2))
+    manager.step(("robot_009", Hello(b"q" * 16)), *[(A, Batch(1, records([3])))] * (LIMITS.messages_per_step + 2))
     assert manager.sync.rejected == {"unknown-robot": 1, "flood": 2}
 
 
@@ -261,9 +263,10 @@ def test_request_for_tiles_brings_those_tiles(manager):
     }
 
 
-def test_answers_are_rate_bounded_and_fair(monkeypatch, manager):
-    monkeypatch.setattr("orograph.protocol.downlink.PART_CELLS", 20)
-    monkeypatch.setattr("orograph.protocol.downlink.ANSWERS_PER_STEP", 4)
+def test_answers_are_rate_bounded_and_fair():
+    manager = Played(Limits(part_cells=20, answers_per_step=4))
+    manager.step((A, Hello(b"a" * 16)))
+    manager.sent.clear()
     big_map(manager)
     manager.step(
         (A, CellsRequest(0, 0, NO_TILES)), (B, CellsRequest(0, 0, NO_TILES)), (B, CellsRequest(0, 0, NO_TILES))
