@@ -71,6 +71,10 @@ def parse_message_key(key: str) -> tuple[str, str, str, str]:
     _, plane, to_service, to_robot, kind, from_service, from_robot = chunks
     if to_service not in SERVICES or from_service not in SERVICES:
         raise ValueError(f"unknown service in key: {key!r}")
+    if to_robot not in (NONE, ALL) and not ROBOT_ID.fullmatch(to_robot):
+        raise ValueError(f"unknown receiver in key: {key!r}")
+    if from_robot != NONE and not ROBOT_ID.fullmatch(from_robot):
+        raise ValueError(f"unknown sender in key: {key!r}")
     to = to_service if to_robot == NONE else f"{to_service}/{'*' if to_robot == ALL else to_robot}"
     sender = from_service if from_robot == NONE else f"{from_service}/{from_robot}"
     return plane, to, kind, sender

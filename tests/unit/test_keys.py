@@ -19,7 +19,8 @@ def test_a_message_key_comes_back(plane: str, to: str, sender: str) -> None:
 
 
 @pytest.mark.parametrize("key", ["", "og", "og/sim/world/-/Drive/navigator", "xx/sim/world/-/Drive/world/-",
-                                 "og/air/world/-/Drive/world/-", "og/sim/moon/-/Drive/world/-"])  # fmt: skip
+                                 "og/air/world/-/Drive/world/-", "og/sim/moon/-/Drive/world/-",
+                                 "og/sim/laser/anybody/Drive/world/-", "og/sim/world/-/Drive/laser/all"])  # fmt: skip
 def test_other_keys_are_refused(key: str) -> None:
     with pytest.raises(ValueError, match="key"):
         keys.parse_message_key(key)

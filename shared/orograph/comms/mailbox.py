@@ -25,13 +25,15 @@ BOUND = 8_192
 class Mailbox:
     """Bounded store of received envelopes; filled by Zenoh's callback threads, emptied by the stepping thread."""
 
-    def __init__(self) -> None:
+    def __init__(self, bound: int = BOUND) -> None:
+        self._bound = bound
         self._changed = threading.Condition()
         self._joiner = wire.Joiner()
         self._envelopes: list[Envelope] = []
         self._arrived: Counter[tuple[int, Route]] = Counter()
         self._cut: set[str] = set()
-        self._stepped = -1
+        self.lost = 0
+        """Messages to these nodes that none of them will see: given up, overflowed, or whole and yet unreadable."""
         self.counts: defaultdict[str, int] = defaultdict(int)
         self.bytes_received: Counter[tuple[str, str, str]] = Counter()
 
@@ -53,14 +55,20 @@ class Mailbox:
         plane, to, kind, sender = keys.parse_message_key(key)
         self.bytes_received[plane, to, sender] += len(piece)
         whole = self._joiner.add(key, piece)
+        self.counts["forgotten"] = self._joiner.forgotten
         if whole is None:
             return
         frame, index, payload = whole
         self._arrived[frame, (plane, to, sender)] += 1
-        message = wire.decode(kind, payload)
+        try:
+            message = wire.decode(kind, payload)
+        except wire.Rejected:
+            self.lost += 1
+            raise
         self._envelopes.append(Envelope(plane, to, sender, frame, index, message))
-        if len(self._envelopes) > BOUND:
+        if len(self._envelopes) > self._bound:
             del self._envelopes[0]
+            self.lost += 1
             self.counts["overflowed"] += 1
 
     def await_counted(self, frame: int, need: Mapping[Route, int], stop: threading.Event) -> int:
@@ -71,6 +79,7 @@ class Mailbox:
             if wanted:
                 missing += self._await_plane(plane, frame, wanted, stop)
         self.counts["lost"] += missing
+        self.lost += missing
         return missing
 
     def _await_plane(self, plane: str, frame: int, wanted: Mapping[Route, int], stop: threading.Event) -> int:

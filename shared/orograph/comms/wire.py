@@ -165,10 +165,12 @@ def fragments(frame: int, index: int, payload: bytes) -> Iterator[bytes]:
 
 
 class Joiner:
-    """Joins fragments; holds at most `bound` unfinished messages and forgets the oldest beyond that."""
+    """Joins fragments, each message once; holds at most `bound` unfinished ones and forgets the oldest beyond that."""
 
-    def __init__(self, bound: int = 256) -> None:
-        self._bound = bound
+    def __init__(self, bound: int = 256, known: int = 8_192) -> None:
+        """Of `known` finished messages it knows that they came, so that a second time is refused."""
+        self._bound, self._known = bound, known
+        self._finished: dict[tuple[str, int, int, int], None] = {}
         self._open: dict[tuple[str, int, int, int], dict[int, bytes]] = {}
         self.forgotten = 0
 
@@ -179,11 +181,17 @@ class Joiner:
         frame, index, part, parts, crc = HEADER.unpack_from(piece)
         if part >= parts or parts * (FRAGMENT_MAX_BYTES - HEADER.size) > MESSAGE_MAX_BYTES + FRAGMENT_MAX_BYTES:
             raise Rejected("size", f"{part} of {parts}")
-        message = piece[HEADER.size :] if parts == 1 else self._join((key, frame, index, crc), part, parts, piece)
+        name = (key, frame, index, crc)
+        if name in self._finished:
+            raise Rejected("doubled", key)
+        message = piece[HEADER.size :] if parts == 1 else self._join(name, part, parts, piece)
         if message is None:
             return None
         if zlib.crc32(message) != crc:
             raise Rejected("crc", key)
+        self._finished[name] = None
+        if len(self._finished) > self._known:
+            del self._finished[next(iter(self._finished))]
         return frame, index, message
 
     def _join(self, name: tuple[str, int, int, int], part: int, parts: int, piece: bytes) -> bytes | None:

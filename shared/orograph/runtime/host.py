@@ -30,27 +30,27 @@ class NodeHost:
         self.nodes = sorted(nodes, key=lambda n: n.name)
         self._bus, self._scenario, self._recording = bus, scenario, recording
         self._mailbox = Mailbox()
-        self._shown_s = 0.0
+        self._lost, self._shown_s = 0, 0.0
         bus.listen([n.name for n in self.nodes], self._mailbox)
 
     @metrics.STEP.time()
     def step(
         self, frame: Frame, counted: Mapping[str, Any], down: frozenset[str], lockstep: bool, stop: threading.Event
     ) -> int:
-        """Step every node with what was sent before this frame; returns how many counted messages were lost.
+        """Step every node with what was sent before this frame; returns how many messages were lost on the way.
 
         `counted` is the tick's table of the frame before, `down` the robots without radio in that frame.
         """
-        lost = 0
         if lockstep:
             needed = routes_to((n.name for n in self.nodes), counted)
             with metrics.WAIT.time():
-                lost = self._mailbox.await_counted(frame.index - 1, needed, stop)
+                self._mailbox.await_counted(frame.index - 1, needed, stop)
         inbox = self._mailbox.take(frame.index, newest_only=not lockstep)
         self._bus.begin(frame.index)
         for node in self.nodes:
             self._step_node(node, frame, [e for e in inbox if self._reaches(node.name, e, down)])
         self._show(frame)
+        lost, self._lost = self._mailbox.lost - self._lost, self._mailbox.lost
         return lost
 
     def _step_node(self, node: Node, frame: Frame, inbox: list[Envelope]) -> None:

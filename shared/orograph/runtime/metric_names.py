@@ -35,7 +35,7 @@ def _gauge(name: str, help_text: str) -> Metric:
     return Metric(f"orograph_{name}", "gauge", help_text)
 
 
-WIRE_REASONS = ("kind", "size", "keys", "schema", "msgpack", "type", "range", "shape", "crc", "key")
+WIRE_REASONS = ("kind", "size", "keys", "schema", "msgpack", "type", "range", "shape", "crc", "doubled", "key")
 """Why `comms.wire` and `keys` refuse what came off the wire."""
 INPUT_REASONS = (
     "shape", "cell_range", "duplicate_cell", "no_evidence", "height_range", "future_tick", "tile_range", "unexpected",
@@ -132,6 +132,7 @@ PROCESS = {
     "mailbox_waiting": _gauge("mailbox_messages", "Messages received and not yet stepped with."),
     "lost": _counter("mailbox_lost_messages", "Counted messages that never came."),
     "overflowed": _counter("mailbox_overflowed_messages", "Messages dropped because the mailbox was full."),
+    "forgotten": _counter("mailbox_forgotten_messages", "Messages of which fragments were dropped for want of room."),
     "skipped": _counter("mailbox_skipped_messages", "Messages that a newer one of the same stream replaced."),
     "rejected_{reason}": _counter("mailbox_rejected_messages", "Fragments refused off the wire.", WIRE_REASONS),
     "sent_bytes_{plane}": _counter("sent_bytes", "Bytes of messages sent.", keys.PLANES),

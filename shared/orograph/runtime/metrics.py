@@ -114,7 +114,7 @@ def process_figures(
         "time_scale": 0.0 if scenario.time_scale == "max" else scenario.time_scale,
         "robots_held": len({robot for _, robot in map(keys.split, nodes) if robot}),
         "mailbox_waiting": mailbox.waiting,
-        **dict.fromkeys(("lost", "overflowed", "skipped"), 0),
+        **dict.fromkeys(("lost", "overflowed", "forgotten", "skipped"), 0),
         **dict(mailbox.counts),
         **{f"zenoh_transports_{plane}": len(session.info.transports()) for plane, session in bus.sessions.items()},
     }

@@ -68,8 +68,44 @@ def test_bad_pieces_and_keys_are_counted_and_change_nothing() -> None:
     box.add("og/nowhere", b"x" * 40)
     (piece,) = wire.fragments(0, 0, b"not msgpack")
     box.add("og/sim/world/-/Drive/navigator/robot_001", piece)
-    assert box.counts == {"rejected_size": 1, "rejected_key": 1, "rejected_msgpack": 1}
+    assert box.counts == {"rejected_size": 1, "rejected_key": 1, "rejected_msgpack": 1, "forgotten": 0}
     assert box.take(9, newest_only=False) == []
+
+
+def test_what_comes_twice_neither_counts_nor_is_delivered_twice() -> None:
+    box, need = Mailbox(), {(keys.SIM, "world", "navigator/robot_001"): 2}
+    for _ in range(2):
+        _post(box, "navigator/robot_001", 7, 0)
+    assert box.await_counted(7, need, STOP) == 1
+    _post(box, "navigator/robot_001", 7, 1)
+    assert box.await_counted(7, need, STOP) == 0
+    assert [e.index for e in box.take(8, newest_only=False)] == [0, 1]
+    _post(box, "navigator/robot_001", 7, 1)
+    assert box.take(9, newest_only=False) == [] and box.counts["rejected_doubled"] == 2
+
+
+def test_what_overflows_is_lost_although_it_had_arrived() -> None:
+    box = Mailbox(bound=3)
+    for index in range(5):
+        _post(box, "navigator/robot_001", 7, index)
+    assert box.await_counted(7, {(keys.SIM, "world", "navigator/robot_001"): 5}, STOP) == 0
+    assert [e.index for e in box.take(8, newest_only=False)] == [2, 3, 4]
+    assert box.lost == box.counts["overflowed"] == 2
+
+
+def test_a_whole_message_that_cannot_be_read_is_lost_without_a_wait() -> None:
+    box = Mailbox()
+    (piece,) = wire.fragments(7, 0, b"not msgpack")
+    box.add("og/sim/world/-/Drive/navigator/robot_001", piece)
+    assert box.await_counted(7, {(keys.SIM, "world", "navigator/robot_001"): 1}, STOP) == 0
+    assert box.lost == 1
+
+
+def test_senders_that_cannot_be_take_no_memory() -> None:
+    box = Mailbox()
+    for i in range(1000):
+        _post(box, f"navigator/nobody{i}", 7, 0)
+    assert box.counts["rejected_key"] == 1000 and not box.bytes_received
 
 
 def test_routes_are_a_nodes_own_and_its_groups() -> None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import tracemalloc
+from contextlib import suppress
 
 import msgpack
 import numpy as np
@@ -128,6 +129,37 @@ def test_fragments_join_in_any_order(order: list[int], frame: int, index: int) -
     results = [joiner.add("k", pieces[i]) for i in order]
     assert results[:-1] == [None] * 3
     assert results[-1] == (frame, index, payload)
+
+
+@given(st.lists(st.integers(0, 3), min_size=1, max_size=20), st.integers(1, 4))
+def test_a_message_joins_once_however_often_its_fragments_come(order: list[int], parts: int) -> None:
+    room = FRAGMENT_MAX_BYTES - wire.HEADER.size
+    pieces = list(wire.fragments(1, 0, bytes(parts * room)))
+    joiner, results = wire.Joiner(), []
+    for i in order:
+        with suppress(wire.Rejected):
+            results.append(joiner.add("k", pieces[i % parts]))
+    wholes = [whole for whole in results if whole is not None]
+    assert len(wholes) == (len({i % parts for i in order}) == parts)
+
+
+def test_what_comes_twice_is_known_among_the_newest_alone() -> None:
+    joiner = wire.Joiner(known=8)
+    pieces = [next(wire.fragments(1, index, b"x")) for index in range(10)]
+    for piece in pieces:
+        joiner.add("k", piece)
+    for piece in pieces[2:]:
+        with pytest.raises(wire.Rejected, match="doubled"):
+            joiner.add("k", piece)
+    assert joiner.add("k", pieces[0]) is not None
+
+
+def test_a_damaged_message_may_come_again_whole() -> None:
+    (piece,) = wire.fragments(3, 0, wire.encode(Drive(1, 1.0, 0.0)))
+    joiner = wire.Joiner()
+    with pytest.raises(wire.Rejected, match="crc"):
+        joiner.add("k", piece[:-1] + bytes([piece[-1] ^ 1]))
+    assert joiner.add("k", piece) is not None
 
 
 def test_a_flipped_bit_in_a_fragment_is_found() -> None:
