@@ -3,33 +3,38 @@
 from __future__ import annotations
 
 import json
-from dataclasses import Field, fields
 from pathlib import Path
-from typing import Any
 
 from orograph import keys, messages
+from orograph.fields import Array, AtMost, Choice, Flag, Kind, Number, Raw, Text, Whole, kinds_of
 from orograph.storage.scenario_file import scenario_json_schema
 
 ROOT = Path(__file__).parents[1]
 
 
-def field_row(spec: Field[Any]) -> str:
+def words_of(kind: Kind) -> str:
+    """A field's type with its bounds, for people."""
+    match kind:
+        case Whole() | Number():
+            return f"{'int' if isinstance(kind, Whole) else 'float'} {kind.low:g} .. {kind.high:g}"
+        case Flag():
+            return "bool"
+        case Text():
+            return f"str <= {kind.high}"
+        case Choice():
+            return "one of " + ", ".join(f"`{word}`" for word in kind.words)
+        case Raw():
+            return f"{kind.high} bytes" if kind.low == kind.high else f"{kind.low} .. {kind.high} bytes"
+        case Array():
+            axes = ", ".join(f"<= {axis.items}" if isinstance(axis, AtMost) else str(axis) for axis in kind.axes)
+            names = ", ".join(kind.dtype.names or ())
+            return f"array ({axes}) of {f'records {{{names}}}' if names else f'`{kind.dtype.str}`'}"
+    raise AssertionError(kind)
+
+
+def field_row(name: str, kind: Kind) -> str:
     """One table row: name, type with bounds, unit."""
-    meta = spec.metadata
-    match meta["kind"]:
-        case "array":
-            shape = ", ".join("n" if n is None else str(n) for n in meta["shape"])
-            names = ", ".join(meta["dtype"].names or ())
-            kind = (
-                f"array ({shape}) of {f'records {{{names}}}' if names else meta['dtype'].str}, <= {meta['high']} items"
-            )
-        case "int" | "float":
-            kind = f"{meta['kind']} {meta['low']:g} .. {meta['high']:g}"
-        case "bool":
-            kind = "bool"
-        case other:
-            kind = f"{other} <= {meta['high']}"
-    return f"| `{spec.name}` | {kind} | {meta['unit']} |"
+    return f"| `{name}` | {words_of(kind)} | {kind.unit} |"
 
 
 def reference() -> str:
@@ -57,7 +62,7 @@ def reference() -> str:
             "| field | type | meaning |",
             "|---|---|---|",
         ]
-        lines += [field_row(spec) for spec in fields(cls)]
+        lines += [field_row(field, kind) for field, kind in kinds_of(cls).items()]
     return "\n".join(lines) + "\n"
 
 

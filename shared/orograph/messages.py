@@ -6,17 +6,19 @@ everything that a map is folded from; floats only for poses, which must be finit
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from orograph.fields import AtMost, array, bytes_max, choice, flag, integer, number, raw
+
 SCHEMA_VERSION: Final = 1
 FRAGMENT_MAX_BYTES: Final = 30_000
 """Largest piece on the wire (zenoh.md 5); the bus cuts a longer message and joins it again."""
-MESSAGE_MAX_BYTES: Final = 2_000_000
-"""No message is longer than this; a longer one is rejected before it is read."""
+MESSAGE_MAX_BYTES: Final = 4_010_000
+"""No message is longer than this: a whole map's occupation, a byte a cell, and its frame."""
 
 Packed = npt.NDArray[Any]
 
@@ -58,41 +60,23 @@ RANGE_UNIT_M: Final = 0.002
 """Ranges travel as u2 in steps of 2 mm; 0 means no return."""
 
 
-def integer(low: int, high: int, unit: str = "") -> Any:
-    """A whole-number field within [low, high]."""
-    return field(metadata={"kind": "int", "low": low, "high": high, "unit": unit})
-
-
-def number(low: float, high: float, unit: str = "") -> Any:
-    """A finite float field within [low, high]."""
-    return field(metadata={"kind": "float", "low": low, "high": high, "unit": unit})
-
-
-def text(max_length: int, doc: str = "") -> Any:
-    """A short string field."""
-    return field(metadata={"kind": "str", "high": max_length, "unit": doc})
-
-
-def flag(doc: str = "") -> Any:
-    """A true / false field."""
-    return field(metadata={"kind": "bool", "unit": doc})
-
-
-def raw(max_bytes: int, doc: str = "") -> Any:
-    """A bytes field."""
-    return field(metadata={"kind": "bytes", "high": max_bytes, "unit": doc})
-
-
-def array(dtype: np.dtype[Any] | str, shape: tuple[int | None, ...], max_items: int, unit: str = "") -> Any:
-    """An array field: dtype, shape (None = any length) and the greatest number of items."""
-    meta = {"kind": "array", "dtype": np.dtype(dtype), "shape": shape, "high": max_items, "unit": unit}
-    return field(metadata=meta)
-
-
 STAMP_MAX_NS: Final = 2**62
 SECOND_NS: Final = 1_000_000_000
-CELLS_MAX: Final = 4_000_000
 U4: Final = 2**32 - 1
+
+# What a scenario may ask for: `scenario.py` takes its bounds from here, so that what it accepts can be carried.
+GRID_SIDE_MAX: Final = 2_000
+"""Cells along a side of a map, the GLRM or the HRM."""
+CELLS_MAX: Final = GRID_SIDE_MAX**2
+CELL_MIN_M, CELL_MAX_M = 1e-3, 1e3
+TILE_CELLS: Final = 20
+"""Cells along a side of the tiles by which two holders of a map compare it (protocol.md, "Down")."""
+TILES_MAX: Final = (GRID_SIDE_MAX // TILE_CELLS) ** 2
+RINGS_MAX, COLUMNS_MAX = 256, 4_096
+ROBOTS_MAX, VEHICLES_MAX = 100, 1_900
+BODIES_MAX: Final = ROBOTS_MAX + VEHICLES_MAX
+WAYPOINTS_MAX: Final = 2_000
+SPEED_MAX_MPS, YAW_RATE_MAX_RADPS = 20.0, 20.0
 
 
 def _stamp() -> Any:
@@ -107,7 +91,7 @@ class Bodies:
     """World -> every laser: poses of all moving bodies, robots first by number, then vehicles."""
 
     stamp_ns: int = _stamp()
-    poses: Packed = array(POSE, (None,), 2_000)
+    poses: Packed = array(POSE, (AtMost(BODIES_MAX),))
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +116,9 @@ class Scan:
     """Laser -> robot-mapping: one range image."""
 
     stamp_ns: int = _stamp()
-    ranges: Packed = array("<u2", (None, None), 500_000, "(rings, columns) in RANGE_UNIT_M, 0 = no return")
+    ranges: Packed = array(
+        "<u2", (AtMost(RINGS_MAX), AtMost(COLUMNS_MAX)), "(rings, columns) in RANGE_UNIT_M, 0 = no return"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,8 +140,8 @@ class Drive:
     """Navigator -> world: wanted speed of the robot's body until the next one (stops after 0.5 s without)."""
 
     stamp_ns: int = _stamp()
-    v_mps: float = number(-20, 20)
-    yaw_rate_radps: float = number(-20, 20)
+    v_mps: float = number(-SPEED_MAX_MPS, SPEED_MAX_MPS)
+    yaw_rate_radps: float = number(-YAW_RATE_MAX_RADPS, YAW_RATE_MAX_RADPS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,9 +151,11 @@ class OccupancyGrid:
     stamp_ns: int = _stamp()
     x0_m: float = number(-1e6, 1e6, "outer corner of cell (0, 0)")
     y0_m: float = number(-1e6, 1e6)
-    cell_m: float = number(1e-3, 1e3)
+    cell_m: float = number(CELL_MIN_M, CELL_MAX_M)
     is_global: bool = flag("True: the GLRM copy; False: the HRM")
-    occupation: Packed = array("u1", (None, None), CELLS_MAX, "(rows, cols) in 1/254, 255 = unknown")
+    occupation: Packed = array(
+        "u1", (AtMost(GRID_SIDE_MAX), AtMost(GRID_SIDE_MAX)), "(rows, cols) in 1/254, 255 = unknown"
+    )
 
 
 # --- radio plane: the map protocol (protocol.md) --------------------------------------------------------------------
@@ -188,7 +176,7 @@ class Welcome:
     epoch: int = integer(1, U4)
     part: int = integer(0, 65_535)
     parts: int = integer(1, 65_536)
-    row: Packed = array(REGISTER, (None,), 1024)
+    row: Packed = array(REGISTER, (AtMost(1024),))
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +191,7 @@ class Batch:
     """Robot-mapping -> map-manager: registers that changed."""
 
     epoch: int = integer(1, U4)
-    records: Packed = array(UPDATE, (None,), 256)
+    records: Packed = array(UPDATE, (AtMost(256),))
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +199,7 @@ class Ack:
     """Map-manager -> robot-mapping: these would survive kill -9 now."""
 
     epoch: int = integer(1, U4)
-    acked: Packed = array(ACKED, (None,), 256)
+    acked: Packed = array(ACKED, (AtMost(256),))
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +217,7 @@ class Delta:
     part: int = integer(0, 65_535)
     parts: int = integer(1, 65_536)
     repair: bool = flag()
-    cells: Packed = array(CELL, (None,), 1024)
+    cells: Packed = array(CELL, (AtMost(1024),))
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +226,7 @@ class Digest:
 
     manager_epoch: int = integer(1, U4)
     version: int = integer(0, U4)
-    tiles: Packed = array("u1", (None, 16), 16 * 65_535, "(tiles, 16) blake2b-128 per tile of 20 x 20 cells")
+    tiles: Packed = array("u1", (AtMost(TILES_MAX), 16), "(tiles, 16) blake2b-128 per tile of 20 x 20 cells")
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,7 +235,7 @@ class CellsRequest:
 
     manager_epoch: int = integer(0, U4, "0 = I know none: send everything")
     since_version: int = integer(0, U4)
-    tiles: Packed = array("<u2", (None,), 65_535, "empty: by version; else whole tiles")
+    tiles: Packed = array("<u2", (AtMost(TILES_MAX),), "empty: by version; else whole tiles")
 
 
 # --- radio plane: missions ------------------------------------------------------------------------------------------
@@ -258,8 +246,14 @@ class Mission:
     """Orchestrator -> navigator: waypoints to visit in order; repeated until the status shows it was taken."""
 
     number: int = integer(1, U4, "later missions replace earlier ones")
-    waypoints: Packed = array("<u2", (None,), 4_096, "indices into the scenario's patrol")
+    waypoints: Packed = array("<u2", (AtMost(WAYPOINTS_MAX),), "indices into the scenario's patrol")
     flush: bool = flag("True: the patrol is over, stay where there is radio")
+
+
+STATES: Final = ("idle", "driving", "blocked", "recovering", "returning", "done")
+"""What a navigator is at."""
+PHASES: Final = ("mapping", "flush", "end")
+"""Where a run stands."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,9 +262,9 @@ class RobotStatus:
 
     stamp_ns: int = _stamp()
     mission: int = integer(0, U4, "number of the mission it holds, 0 = none")
-    visited: Packed = array("<u2", (None,), 4_096, "patrol indices it has ever visited")
-    given_up: Packed = array("<u2", (None,), 4_096, "patrol indices it can't reach and hands over")
-    state: str = text(16, "idle | driving | blocked | recovering | returning | done")
+    visited: Packed = array("<u2", (AtMost(WAYPOINTS_MAX),), "patrol indices it has ever visited")
+    given_up: Packed = array("<u2", (AtMost(WAYPOINTS_MAX),), "patrol indices it can't reach and hands over")
+    state: str = choice(STATES)
     x_m: float = number(-1e6, 1e6)
     y_m: float = number(-1e6, 1e6)
 
@@ -279,7 +273,7 @@ class RobotStatus:
 class Phase:
     """Orchestrator -> robot-mapping, every second: where the run stands."""
 
-    name: str = text(16, "mapping | flush | end")
+    name: str = choice(PHASES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,13 +312,14 @@ Message = (
     Bodies | Sensors | Scan | Pose | Drive | OccupancyGrid | Hello | Welcome | Fenced | Batch | Ack | Delta | Digest
     | CellsRequest | Mission | RobotStatus | Phase | MappingStatus | ManagerStatus | RunEnd
 )  # fmt: skip
-KINDS: Final[dict[str, type[Any]]] = {
+KINDS: Final[dict[str, type]] = {
     cls.__name__: cls
     for cls in (
         Bodies, Sensors, Scan, Pose, Drive, OccupancyGrid, Hello, Welcome, Fenced, Batch, Ack, Delta, Digest,
         CellsRequest, Mission, RobotStatus, Phase, MappingStatus, ManagerStatus, RunEnd,
     )
 }  # fmt: skip
+assert all(bytes_max(kind) <= MESSAGE_MAX_BYTES for kind in KINDS.values())
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,18 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, m
 
 from orograph import keys
 from orograph.grid import Grid
+from orograph.messages import (
+    CELL_MAX_M,
+    CELL_MIN_M,
+    COLUMNS_MAX,
+    GRID_SIDE_MAX,
+    RINGS_MAX,
+    ROBOTS_MAX,
+    SPEED_MAX_MPS,
+    VEHICLES_MAX,
+    WAYPOINTS_MAX,
+    YAW_RATE_MAX_RADPS,
+)
 
 Metres = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 PointM = tuple[Metres, Metres]
@@ -29,13 +41,17 @@ class Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", ser_json_inf_nan="strings")
 
 
+JSON_MAX_BYTES = 32_000_000
+"""A resolved scenario is told to every service as JSON of at most this length."""
+
+
 class GridSpec(Part):
     """GLRM grid."""
 
     origin_m: PointM = (0.0, 0.0)
-    cell_m: PositiveFloat = 5.0
-    rows: Annotated[int, Field(ge=4, le=2000)] = 200
-    cols: Annotated[int, Field(ge=4, le=2000)] = 200
+    cell_m: Annotated[float, Field(ge=CELL_MIN_M, le=CELL_MAX_M)] = 5.0
+    rows: Annotated[int, Field(ge=4, le=GRID_SIDE_MAX)] = 200
+    cols: Annotated[int, Field(ge=4, le=GRID_SIDE_MAX)] = 200
 
     @property
     def grid(self) -> Grid:
@@ -46,7 +62,7 @@ class GridSpec(Part):
 class HrmSpec(Part):
     """Rolling high-resolution map: square, `cells` on a side, `per_glrm_cell` of them along one GLRM cell."""
 
-    cells: Annotated[int, Field(ge=20, le=2000)] = 320
+    cells: Annotated[int, Field(ge=20, le=GRID_SIDE_MAX)] = 320
     per_glrm_cell: Annotated[int, Field(ge=1, le=100)] = 10
 
     @model_validator(mode="after")
@@ -140,9 +156,9 @@ class RobotSpec(Part):
     wheel_radius_m: PositiveFloat = 0.11
     track_m: PositiveFloat = 0.50
     wheelbase_m: PositiveFloat = 0.45
-    speed_max_mps: PositiveFloat = 3.0
+    speed_max_mps: Annotated[float, Field(gt=0, le=SPEED_MAX_MPS)] = 3.0
     acceleration_max_mps2: PositiveFloat = 2.0
-    yaw_rate_max_radps: PositiveFloat = 2.0
+    yaw_rate_max_radps: Annotated[float, Field(gt=0, le=YAW_RATE_MAX_RADPS)] = 2.0
     wheel_torque_max_nm: PositiveFloat = 30.0
     slope_max: PositiveFloat = 0.3
     """Largest passable slope, the 0.3 of mapping.md section 2.3."""
@@ -151,8 +167,8 @@ class RobotSpec(Part):
 class LaserSpec(Part):
     """One 3D laser on the robot's roof."""
 
-    rings: Annotated[int, Field(ge=1, le=256)] = 32
-    columns: Annotated[int, Field(ge=8, le=4096)] = 720
+    rings: Annotated[int, Field(ge=1, le=RINGS_MAX)] = 32
+    columns: Annotated[int, Field(ge=8, le=COLUMNS_MAX)] = 720
     elevation_min_deg: Annotated[float, Field(ge=-90, le=90)] = -25.0
     elevation_max_deg: Annotated[float, Field(ge=-90, le=90)] = 25.0
     range_max_m: Annotated[float, Field(gt=1, le=130)] = 80.0
@@ -207,14 +223,14 @@ class Scenario(Part):
     rules: Literal["paper", "default"] | RulesSpec = "default"
     terrain: TerrainSpec = TerrainSpec()
     buildings: tuple[Building, ...] = ()
-    vehicles: tuple[Vehicle, ...] = ()
+    vehicles: Annotated[tuple[Vehicle, ...], Field(max_length=VEHICLES_MAX)] = ()
     gps_quality: GivenLayer = GivenLayer(default=2)
     communications: GivenLayer = GivenLayer(default=1)
-    robots: Annotated[int, Field(ge=1, le=100)] = 3
+    robots: Annotated[int, Field(ge=1, le=ROBOTS_MAX)] = 3
     """How many drive unless told otherwise; at most as many as there are starts."""
-    starts: Annotated[tuple[Start, ...], Field(min_length=1, max_length=100)]
+    starts: Annotated[tuple[Start, ...], Field(min_length=1, max_length=ROBOTS_MAX)]
     base_station_m: PointM
-    patrol: Annotated[tuple[PointM, ...], Field(min_length=1, max_length=2000)]
+    patrol: Annotated[tuple[PointM, ...], Field(min_length=1, max_length=WAYPOINTS_MAX)]
     """Waypoints that the robots share out and visit."""
     robot: RobotSpec = RobotSpec()
     laser: LaserSpec = LaserSpec()
@@ -257,6 +273,11 @@ def inconsistencies(scenario: Scenario) -> Iterator[tuple[Location, str]]:
     """Pairs (location, text) of what does not fit together: too few starts, places off the grid or in a building."""
     if scenario.robots > len(scenario.starts):
         yield ("robots",), f"{scenario.robots} robots need as many starts, found {len(scenario.starts)}"
+    if (size := len(scenario.model_dump_json())) > JSON_MAX_BYTES:
+        yield ("buildings",), f"the scenario takes {size} bytes as JSON, at most {JSON_MAX_BYTES} can be told"
+    fine_m = scenario.grid.cell_m / scenario.hrm.per_glrm_cell
+    if fine_m < CELL_MIN_M:
+        yield ("hrm", "per_glrm_cell"), f"makes cells of {fine_m:g} m, at least {CELL_MIN_M:g} m are needed"
     for i, area in enumerate(scenario.communications.areas):
         if area.value > 1:
             yield ("communications", "areas", i, "value"), f"communications are 0 or 1, found {area.value}"

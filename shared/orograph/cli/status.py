@@ -19,6 +19,7 @@ from orograph.comms import wire
 from orograph.comms.bus import Bus
 from orograph.comms.session import client
 from orograph.errors import InputError, RunError
+from orograph.fields import Rejected
 from orograph.nodes.standing import MapStanding, RobotStanding, Standing, link_up
 
 ROUTER = "tcp/127.0.0.1:17448"
@@ -88,7 +89,7 @@ def ask(bus: Bus, endpoint: str) -> Standing:
         if told is None:
             raise RunError("the cluster is starting: its first second has not come yet")
         return Standing.model_validate({**told, "robots": tuple(told["robots"])})
-    except (wire.Rejected, ValidationError, TypeError, KeyError):
+    except (Rejected, ValidationError, TypeError, KeyError):
         raise RunError(f"what answers at {endpoint} is no orchestrator of this program's version") from None
 
 

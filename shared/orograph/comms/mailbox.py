@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 
 from orograph import keys
 from orograph.comms import wire
+from orograph.fields import Rejected
 from orograph.messages import Bodies, Envelope, OccupancyGrid, Scan
 
 Route = tuple[str, str, str]
@@ -47,7 +48,7 @@ class Mailbox:
         with self._changed:
             try:
                 self._add(key, piece)
-            except (wire.Rejected, ValueError) as error:
+            except (Rejected, ValueError) as error:
                 self.counts[f"rejected_{getattr(error, 'reason', 'key')}"] += 1
             self._changed.notify_all()
 
@@ -62,7 +63,7 @@ class Mailbox:
         self._arrived[frame, (plane, to, sender)] += 1
         try:
             message = wire.decode(kind, payload)
-        except wire.Rejected:
+        except Rejected:
             self.lost += 1
             raise
         self._envelopes.append(Envelope(plane, to, sender, frame, index, message))

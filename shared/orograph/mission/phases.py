@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from orograph.messages import ManagerStatus, MappingStatus
+from orograph.messages import PHASES, ManagerStatus, MappingStatus
 
-MAPPING, FLUSH, END = "mapping", "flush", "end"
-PHASES = (MAPPING, FLUSH, END)
+MAPPING, FLUSH, END = PHASES
 FLUSH_MAX_NS = 60_000_000_000
 """Simulation time that a robot has to bring its last cells home."""
 AGREEMENTS = 2

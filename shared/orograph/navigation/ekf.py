@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from orograph.arrays import F64
+from orograph.fields import saturated
 from orograph.geometry import wrap_angle
 from orograph.messages import Pose, Sensors
 from orograph.navigation.attitude import SlopeFilter
@@ -106,8 +107,10 @@ class PoseFilter:
     def pose(self, stamp_ns: int) -> Pose:
         """The estimate as a message."""
         roll, pitch = self._slope.roll_pitch(self.yaw_rad)
-        sigma = min(self.position_sigma_m, 1e6)
-        return Pose(stamp_ns, self.x_m, self.y_m, self.z_m, roll, pitch, self.yaw_rad, sigma)
+        return saturated(
+            Pose, stamp_ns=stamp_ns, x_m=self.x_m, y_m=self.y_m, z_m=self.z_m, roll_rad=roll, pitch_rad=pitch,
+            yaw_rad=self.yaw_rad, position_sigma_m=self.position_sigma_m,
+        )  # fmt: skip
 
     def _start_from_gps(self, sensors: Sensors) -> None:
         if sensors.gps_quality == 0:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from orograph.fields import saturated
 from orograph.keys import robot_number
 from orograph.messages import SECOND_NS, Mission, OccupancyGrid, Pose, RobotStatus, Sensors
 from orograph.navigation.ekf import PoseFilter
@@ -77,8 +78,10 @@ class Navigator:
     def status(self, stamp_ns: int) -> RobotStatus:
         """What the orchestrator is told."""
         visited, given_up = self.tour.status_arrays()
-        x, y = self.pose.x_m, self.pose.y_m
-        return RobotStatus(stamp_ns, self.tour.number, visited, given_up, self.state, x, y)
+        return saturated(
+            RobotStatus, stamp_ns=stamp_ns, mission=self.tour.number, visited=visited, given_up=given_up,
+            state=self.state, x_m=self.pose.x_m, y_m=self.pose.y_m,
+        )  # fmt: skip
 
     def step(self, now_ns: int, note: Note) -> Command:
         """The command for this frame."""

@@ -9,13 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph import keys
-from orograph.messages import Drive, Envelope, Frame, Mission, OccupancyGrid, Pose, Sensors
+from orograph.messages import STATES, Drive, Envelope, Frame, Mission, OccupancyGrid, Pose, Sensors
 from orograph.navigation.navigator import Navigator
 from orograph.node import Note, Send
 from orograph.scenario import Scenario
 
 STATUS_PERIOD_NS = 1_000_000_000
-STATES = ("idle", "driving", "blocked", "recovering", "returning", "done")
 
 
 class NavigatorNode:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from orograph import keys
 from orograph.messages import (
     OCCUPATION_ONE,
+    PHASES,
     SECOND_NS,
     Envelope,
     Frame,
@@ -23,7 +24,7 @@ from orograph.messages import (
 )
 from orograph.mission.distances import DrivingDistances
 from orograph.mission.patrol import HEARD_NS, LOST_AFTER_NS, Patrol
-from orograph.mission.phases import END, FLUSH, MAPPING, PHASES, RunPhases
+from orograph.mission.phases import END, FLUSH, MAPPING, RunPhases
 from orograph.node import Note, Send
 from orograph.nodes.standing import Ears, Standing
 from orograph.scenario import Scenario

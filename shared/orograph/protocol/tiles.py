@@ -9,10 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph.arrays import I64, U1
-from orograph.messages import Packed
+from orograph.messages import TILE_CELLS, Packed
 from orograph.protocol.fold import VALUES
 
-TILE_CELLS = 20
 HASH_BYTES = 16
 
 

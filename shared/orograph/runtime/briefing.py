@@ -13,10 +13,9 @@ from orograph import keys
 from orograph.comms import wire
 from orograph.comms.bus import Bus
 from orograph.runtime.watchdog import Watchdog
-from orograph.scenario import Scenario
+from orograph.scenario import JSON_MAX_BYTES, Scenario
 
 ASK_EVERY_S = 0.3
-SCENARIO_MAX_BYTES = 32_000_000
 
 log = logging.getLogger("orograph")
 
@@ -48,7 +47,7 @@ def ask(bus: Bus, run_dir: Path, timeout_s: float = 2.0) -> Briefing | None:
     if reply is None:
         return None
     told = wire.unpack_plain(reply)
-    text = zlib.decompressobj().decompress(told["scenario"], SCENARIO_MAX_BYTES)
+    text = zlib.decompressobj().decompress(told["scenario"], JSON_MAX_BYTES)
     return Briefing(Scenario.model_validate(json.loads(text)), run_dir, told["run"])
 
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from orograph.arrays import F64
+from orograph.fields import saturated
 from orograph.geometry import roll_pitch_yaw, wrap_angle
 from orograph.messages import Sensors
 from orograph.randomness import stream
@@ -41,8 +42,11 @@ class NavigationSensors:
         x, y, z = self._gps(motion.position_m, gps_quality, frame)
         roll, pitch, yaw, yaw_rate = self._imu(motion, frame)
         v, odometry_yaw_rate = self._odometry(motion.odometry, frame)
-        numbers = (x, y, z, roll, pitch, yaw, yaw_rate, v, odometry_yaw_rate)
-        return Sensors(stamp_ns, gps_quality, *(float(number) for number in numbers))
+        return saturated(
+            Sensors, stamp_ns=stamp_ns, gps_quality=gps_quality, gps_x_m=x, gps_y_m=y, gps_z_m=z, roll_rad=roll,
+            pitch_rad=pitch, yaw_rad=yaw, yaw_rate_radps=yaw_rate, odometry_v_mps=v,
+            odometry_yaw_rate_radps=odometry_yaw_rate,
+        )  # fmt: skip
 
     def _gps(self, position_m: F64, quality: int, frame: int) -> tuple[float, float, float]:
         if quality == GPS_NONE:

@@ -1,6 +1,7 @@
 """The wire: what was encoded comes back, and nothing else comes through."""
 
 import dataclasses
+import math
 import tracemalloc
 from contextlib import suppress
 
@@ -10,29 +11,50 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from orograph.comms import wire
-from orograph.messages import FRAGMENT_MAX_BYTES, KINDS, UPDATE, Batch, Drive, Scan
+from orograph.fields import (
+    Array,
+    AtMost,
+    Choice,
+    Flag,
+    Kind,
+    Number,
+    Raw,
+    Rejected,
+    Text,
+    Whole,
+    bytes_max,
+    kinds_of,
+    pack,
+    saturated,
+)
+from orograph.messages import FRAGMENT_MAX_BYTES, KINDS, MESSAGE_MAX_BYTES, UPDATE, Batch, Drive, Phase, Pose, Scan
 
 
-def _values(field: dataclasses.Field) -> st.SearchStrategy:
-    m = field.metadata
-    match m["kind"]:
-        case "int":
-            return st.integers(m["low"], m["high"])
-        case "float":
-            return st.floats(m["low"], m["high"], allow_nan=False)
-        case "bool":
+def values_of(kind: Kind) -> st.SearchStrategy:
+    """Values within a field's bounds."""
+    match kind:
+        case Whole():
+            return st.integers(kind.low, kind.high)
+        case Number():
+            return st.floats(kind.low, kind.high, allow_nan=False)
+        case Flag():
             return st.booleans()
-        case "str":
-            return st.text(max_size=m["high"])
-        case "bytes":
-            return st.binary(max_size=m["high"])
-    return st.lists(st.integers(0, 5), min_size=len(m["shape"]), max_size=len(m["shape"])).flatmap(
-        lambda free: _arrays(m["dtype"], tuple(n if w is None else w for n, w in zip(free, m["shape"], strict=True)))
-    )
+        case Text(pattern=""):
+            return st.text(st.characters(categories=("L", "N", "P", "S")), max_size=kind.high)
+        case Text():
+            return st.from_regex(kind.pattern, fullmatch=True).filter(lambda text: len(text) <= kind.high)
+        case Choice():
+            return st.sampled_from(kind.words)
+        case Raw():
+            return st.binary(min_size=kind.low, max_size=min(kind.high, kind.low + 300))
+        case Array():
+            axes = [st.integers(0, min(5, a.items)) if isinstance(a, AtMost) else st.just(a) for a in kind.axes]
+            return st.tuples(*axes).flatmap(lambda shape: _arrays(kind.dtype, shape))
+    raise AssertionError(kind)
 
 
 def _arrays(dtype: np.dtype, shape: tuple[int, ...]) -> st.SearchStrategy:
-    size = int(np.prod(shape)) * dtype.itemsize
+    size = math.prod(shape) * dtype.itemsize
     if dtype.names and any(dtype[n].base.kind == "f" for n in dtype.names):
         return st.just(np.zeros(shape, dtype))
     return st.binary(min_size=size, max_size=size).map(lambda b: np.frombuffer(b, dtype).reshape(shape))
@@ -41,7 +63,7 @@ def _arrays(dtype: np.dtype, shape: tuple[int, ...]) -> st.SearchStrategy:
 @st.composite
 def messages(draw: st.DrawFn) -> object:
     cls = KINDS[draw(st.sampled_from(sorted(KINDS)))]
-    return cls(**{f.name: draw(_values(f)) for f in dataclasses.fields(cls)})
+    return cls(**{name: draw(values_of(kind)) for name, kind in kinds_of(cls).items()})
 
 
 def _same(a: object, b: object) -> bool:
@@ -67,7 +89,7 @@ def test_a_damaged_message_is_rejected_or_still_within_its_bounds(
     kind = type(message).__name__
     try:
         decoded = wire.decode(kind, bytes(payload))
-    except wire.Rejected:
+    except Rejected:
         return
     wire.encode(decoded)
 
@@ -75,7 +97,7 @@ def test_a_damaged_message_is_rejected_or_still_within_its_bounds(
 @settings(max_examples=500)
 @given(st.sampled_from([*sorted(KINDS), "Nonsense"]), st.binary(max_size=400))
 def test_noise_is_rejected(kind: str, noise: bytes) -> None:
-    with pytest.raises(wire.Rejected):
+    with pytest.raises(Rejected):
         wire.decode(kind, noise)
 
 
@@ -84,7 +106,9 @@ def test_noise_is_rejected(kind: str, noise: bytes) -> None:
     [
         ({"v_mps": float("nan")}, "range"),
         ({"v_mps": 21.0}, "range"),
-        ({"v_mps": 1}, "type"),
+        ({"v_mps": "1"}, "type"),
+        ({"v_mps": 2**64 - 1}, "range"),
+        ({"v_mps": True}, "type"),
         ({"stamp_ns": True}, "type"),
         ({"stamp_ns": -1}, "range"),
         ({"extra": 1}, "keys"),
@@ -92,20 +116,125 @@ def test_noise_is_rejected(kind: str, noise: bytes) -> None:
 )
 def test_each_bound_is_named(change: dict[str, object], reason: str) -> None:
     body = {"stamp_ns": 1, "v_mps": 1.0, "yaw_rate_radps": 0.0, **change}
-    with pytest.raises(wire.Rejected) as caught:
+    with pytest.raises(Rejected) as caught:
         wire.decode("Drive", msgpack.packb([1, body]))
     assert caught.value.reason == reason
 
 
+def breaches(kind: Kind) -> list[object]:
+    """Plain forms that break one bound of the field each."""
+    match kind:
+        case Whole() | Number():
+            beyond = [kind.low - 1, kind.high + 1] if isinstance(kind, Whole) else [2 * kind.high + 1.0, math.inf]
+            return [*beyond, math.nan, None, "1", True, [1]]
+        case Flag():
+            return [0, 1, None, "true"]
+        case Text():
+            return ["x" * (kind.high + 1), "a\nb", b"x", None]
+        case Choice():
+            return [*(word + "s" for word in kind.words), "", 1, None]
+        case Raw():
+            return [bytes(kind.high + 1), *([b""] if kind.low else []), "x", None]
+        case Array():
+            whole = [axis.items if isinstance(axis, AtMost) else axis for axis in kind.axes]
+            longer = [whole[0] + 1, *[0] * (len(whole) - 1)]
+            return [[[], b""], [longer, bytes(math.prod(longer) * kind.dtype.itemsize)], [[1] * 9, b""], "x", None,
+                    [[0] * len(whole), b"x"], [[-1] * len(whole), b""]]  # fmt: skip
+    raise AssertionError(kind)
+
+
+FIELDS = [(cls, name) for cls in KINDS.values() for name in kinds_of(cls)]
+
+
+@pytest.mark.parametrize(("cls", "name"), FIELDS, ids=lambda part: getattr(part, "__name__", part))
+def test_every_bound_of_every_field_holds_at_both_ends(cls: type, name: str) -> None:
+    whole = cls(**{field: minimal(kind) for field, kind in kinds_of(cls).items()})
+    for plain in breaches(kinds_of(cls)[name]):
+        if isinstance(plain, int) and abs(plain) >= 2**63:
+            continue  # no number of msgpack's
+        with pytest.raises(Rejected, match=name):
+            wire.decode(cls.__name__, msgpack.packb([1, {**pack(whole), name: plain}]))
+        if not isinstance(plain, list):
+            with pytest.raises(AssertionError, match=f"{cls.__name__}: .*{name}"):
+                wire.encode(dataclasses.replace(whole, **{name: plain}))
+
+
+def minimal(kind: Kind) -> object:
+    """The least that a field may hold."""
+    match kind:
+        case Whole() | Number():
+            return kind.low
+        case Flag():
+            return False
+        case Text():
+            return ""
+        case Choice():
+            return kind.words[0]
+        case Raw():
+            return bytes(kind.low)
+        case Array():
+            return np.zeros([0 if isinstance(axis, AtMost) else axis for axis in kind.axes], kind.dtype)
+    raise AssertionError(kind)
+
+
+def utmost(kind: Kind) -> object:
+    """The most that a field may hold, as large on the wire as can be."""
+    match kind:
+        case Whole() | Number():
+            return kind.high
+        case Text(pattern=""):
+            return "\U0001f916" * kind.high
+        case Choice():
+            return max(kind.words, key=len)
+        case Raw():
+            return bytes(kind.high)
+        case Array():
+            return np.zeros([axis.items if isinstance(axis, AtMost) else axis for axis in kind.axes], kind.dtype)
+    return minimal(kind)
+
+
+@pytest.mark.parametrize("cls", KINDS.values(), ids=lambda cls: cls.__name__)
+def test_a_message_at_all_its_bounds_fits_the_wire(cls: type) -> None:
+    message = cls(**{name: utmost(kind) for name, kind in kinds_of(cls).items()})
+    payload = wire.encode(message)
+    assert len(payload) <= bytes_max(cls) <= MESSAGE_MAX_BYTES
+    joiner = wire.Joiner()
+    (whole,) = filter(None, (joiner.add("k", piece) for piece in wire.fragments(2**32 - 1, 7, payload)))
+    assert _same(wire.decode(cls.__name__, whole[2]), message)
+
+
+def test_what_a_program_gets_wrong_is_named() -> None:
+    with pytest.raises(AssertionError, match="Drive: range: yaw_rate_radps: nan"):
+        wire.encode(Drive(1, 1.0, math.nan))
+    with pytest.raises(AssertionError, match="Drive: range: v_mps: 1000000000"):
+        wire.encode(Drive(1, 1e9, 0.0))
+    with pytest.raises(AssertionError, match="Phase: range: name: 'pause'"):
+        wire.encode(Phase("pause"))
+
+
+def test_a_whole_number_is_a_number_too() -> None:
+    drive = wire.decode("Drive", msgpack.packb([1, {"stamp_ns": 1, "v_mps": 1, "yaw_rate_radps": 0}]))
+    assert (drive.v_mps, type(drive.v_mps)) == (1.0, float)
+
+
+def test_a_reading_beyond_its_scale_is_the_scales_end_and_no_number_stays_none() -> None:
+    zeros = dict.fromkeys(kinds_of(Pose), 0.0) | {"stamp_ns": 5}
+    pose = saturated(Pose, **zeros | {"x_m": 3e9, "z_m": -math.inf})
+    assert (pose.stamp_ns, pose.x_m, pose.y_m, pose.z_m) == (5, 1e6, 0.0, -1e5)
+    wire.encode(pose)
+    with pytest.raises(AssertionError, match="roll_rad: nan"):
+        wire.encode(saturated(Pose, **zeros | {"roll_rad": math.nan}))
+
+
 def test_another_schema_version_is_rejected() -> None:
-    with pytest.raises(wire.Rejected, match="schema"):
+    with pytest.raises(Rejected, match="schema"):
         wire.decode("Drive", msgpack.packb([2, {"stamp_ns": 1, "v_mps": 1.0, "yaw_rate_radps": 0.0}]))
 
 
 def test_an_array_longer_than_its_bound_is_rejected() -> None:
     too_many = np.zeros(257, UPDATE)
     body = {"epoch": 1, "records": [[257], too_many.tobytes()]}
-    with pytest.raises(wire.Rejected, match="shape"):
+    with pytest.raises(Rejected, match="shape"):
         wire.decode("Batch", msgpack.packb([1, body]))
     assert len(wire.decode("Batch", wire.encode(Batch(1, too_many[:256]))).records) == 256
 
@@ -113,8 +242,8 @@ def test_an_array_longer_than_its_bound_is_rejected() -> None:
 def test_a_bomb_of_nested_arrays_costs_nothing() -> None:
     bomb = b"\xdd\x00\xff\xff\xff" + b"\x90" * 1_000_000
     tracemalloc.start()
-    with pytest.raises(wire.Rejected, match="msgpack"):
-        wire.decode("Batch", bomb)
+    with pytest.raises(Rejected, match="msgpack"):
+        wire.decode("OccupancyGrid", bomb)
     assert tracemalloc.get_traced_memory()[1] < 5_000_000
     tracemalloc.stop()
 
@@ -137,7 +266,7 @@ def test_a_message_joins_once_however_often_its_fragments_come(order: list[int],
     pieces = list(wire.fragments(1, 0, bytes(parts * room)))
     joiner, results = wire.Joiner(), []
     for i in order:
-        with suppress(wire.Rejected):
+        with suppress(Rejected):
             results.append(joiner.add("k", pieces[i % parts]))
     wholes = [whole for whole in results if whole is not None]
     assert len(wholes) == (len({i % parts for i in order}) == parts)
@@ -149,7 +278,7 @@ def test_what_comes_twice_is_known_among_the_newest_alone() -> None:
     for piece in pieces:
         joiner.add("k", piece)
     for piece in pieces[2:]:
-        with pytest.raises(wire.Rejected, match="doubled"):
+        with pytest.raises(Rejected, match="doubled"):
             joiner.add("k", piece)
     assert joiner.add("k", pieces[0]) is not None
 
@@ -157,7 +286,7 @@ def test_what_comes_twice_is_known_among_the_newest_alone() -> None:
 def test_a_damaged_message_may_come_again_whole() -> None:
     (piece,) = wire.fragments(3, 0, wire.encode(Drive(1, 1.0, 0.0)))
     joiner = wire.Joiner()
-    with pytest.raises(wire.Rejected, match="crc"):
+    with pytest.raises(Rejected, match="crc"):
         joiner.add("k", piece[:-1] + bytes([piece[-1] ^ 1]))
     assert joiner.add("k", piece) is not None
 
@@ -165,7 +294,7 @@ def test_a_damaged_message_may_come_again_whole() -> None:
 def test_a_flipped_bit_in_a_fragment_is_found() -> None:
     (piece,) = wire.fragments(3, 0, wire.encode(Drive(1, 1.0, 0.0)))
     damaged = piece[:-1] + bytes([piece[-1] ^ 1])
-    with pytest.raises(wire.Rejected, match="crc"):
+    with pytest.raises(Rejected, match="crc"):
         wire.Joiner().add("k", damaged)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from orograph import keys
+from orograph import fields, keys
 from orograph.comms import wire
 from orograph.comms.bus import Bus
 from orograph.comms.mailbox import Mailbox
@@ -148,7 +148,10 @@ def test_reasons_are_shown_before_they_happen() -> None:
     figures = Figures()
     figures.show({"map-manager": {}}, {"lost": 0.0})
     exported = samples(figures)
-    for reason in set(re.findall(r'Rejected\("(\w+)"', inspect.getsource(wire))):
+    source = inspect.getsource(wire) + inspect.getsource(fields)
+    reasons = set(re.findall(r'(?:Rejected\(|_require\(.*, )"(\w+)"', source))
+    assert {"crc", "range", "shape"} <= reasons
+    for reason in reasons:
         assert exported["orograph_mailbox_rejected_messages_total", (("reason", reason),)] == 0
     source = inspect.getsource(validate) + inspect.getsource(manager)
     reasons = set(re.findall(r'(?:return|reason.*=|self.rejected\[)\s*"([a-z-]+)"', source))
