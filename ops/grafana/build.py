@@ -184,7 +184,9 @@ CLUSTER: Rows = {
         graph("Bytes received", f"sum by (job, plane) (rate(orograph_received_bytes_total[{RATE}]))",
               "{{job}} {{plane}}", "Bps"),
         graph("Refused off the wire", f"sum by (reason) (rate(orograph_mailbox_rejected_messages_total[{RATE}]))",
-              "{{reason}}", "cps", ("max(orograph_figures_unnamed)", "figures without a name")),
+              "{{reason}}", "cps",
+              (f"sum by (callback) (rate(orograph_callback_errors_total[{RATE}]))", "{{callback}} could not be taken"),
+              ("max(orograph_figures_unnamed)", "figures without a name")),
     ),
 }  # fmt: skip
 DASHBOARDS = {"mission": MISSION, "mapping": MAPPING, "cluster": CLUSTER}

@@ -117,6 +117,15 @@ DONE = f"{ROOT}/done"
 TELEMETRY = f"{ROOT}/telemetry"
 """`og/telemetry/<service>/<robot>`: figures for people, never read by a node (sim plane)."""
 
+CALLBACKS = ("message", "alive", "claim", "done", "release", "scenario", "status", "telemetry", "tick")
+"""What a process hears or is asked, by the word by which failures to take it are counted."""
+
+
+def callback_kind(key: str) -> str:
+    """The one of CALLBACKS under which a key falls."""
+    plane_or_kind = key.split("/")[1]
+    return "message" if plane_or_kind in PLANES else plane_or_kind
+
 
 def done_key(instance: str) -> str:
     """Key of a participant's answers."""

@@ -11,6 +11,7 @@ import zenoh
 
 from orograph import keys
 from orograph.comms import wire
+from orograph.comms.callbacks import Callbacks
 from orograph.comms.mailbox import Mailbox
 from orograph.comms.session import client
 from orograph.messages import Message
@@ -23,6 +24,7 @@ class Bus:
 
     def __init__(self, sessions: dict[str, zenoh.Session]) -> None:
         self.sessions = sessions
+        self.callbacks = Callbacks()
         self.sent: Counter[tuple[str, str, str]] = Counter()
         self.bytes_sent: Counter[tuple[str, str, str]] = Counter()
         self._index: Counter[str] = Counter()
@@ -65,8 +67,7 @@ class Bus:
         """Subscribe to these nodes' keys on every plane and be sure that the routers know it."""
         for plane, session in self.sessions.items():
             for key in sorted({k for name in nodes for k in keys.inbox_keys(plane, name)}):
-                # The subscriber lives as long as the session: dropping the handle of a callback subscriber keeps it.
-                session.declare_subscriber(key, lambda s: mailbox.add(str(s.key_expr), s.payload.to_bytes()))
+                self._subscribe(session, key, lambda s: mailbox.add(str(s.key_expr), s.payload.to_bytes()))
             self._round_trip(session)
 
     def _round_trip(self, session: zenoh.Session) -> None:
@@ -76,7 +77,11 @@ class Bus:
 
     def hear(self, key: str, callback: Callable[[bytes], None]) -> None:
         """Subscribe to one of the sim plane's control keys."""
-        self.sessions[keys.SIM].declare_subscriber(key, lambda s: callback(s.payload.to_bytes()))
+        self._subscribe(self.sessions[keys.SIM], key, lambda s: callback(s.payload.to_bytes()))
+
+    def _subscribe(self, session: zenoh.Session, key: str, callback: Callable[[zenoh.Sample], None]) -> None:
+        # The subscriber lives as long as the session: dropping the handle of a callback subscriber keeps it.
+        session.declare_subscriber(key, self.callbacks.guarded(keys.callback_kind(key), callback))
 
     def tell(self, key: str, payload: bytes) -> None:
         """Send on one of the sim plane's control keys, ahead of data."""
@@ -99,7 +104,8 @@ class Bus:
             service, instance, robots = keys.parse_alive_key(str(sample.key_expr))
             callback(service, instance, robots, sample.kind == zenoh.SampleKind.PUT)
 
-        self.sessions[keys.SIM].liveliness().declare_subscriber(keys.ALIVE_ALL, on_token, history=True)
+        guarded = self.callbacks.guarded(keys.callback_kind(keys.ALIVE_ALL), on_token)
+        self.sessions[keys.SIM].liveliness().declare_subscriber(keys.ALIVE_ALL, guarded, history=True)
 
     def ask(self, key: str, payload: bytes, timeout_s: float, plane: str = keys.SIM) -> bytes | None:
         """The first answer to a query, None where nobody answers."""
@@ -116,7 +122,7 @@ class Bus:
             with query:
                 query.reply(key, reply(query.payload.to_bytes() if query.payload else b""))
 
-        self.sessions[plane].declare_queryable(key, on_query)
+        self.sessions[plane].declare_queryable(key, self.callbacks.guarded(keys.callback_kind(key), on_query))
 
 
 def _congestion(plane: str) -> zenoh.CongestionControl:

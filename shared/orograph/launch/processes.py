@@ -10,6 +10,7 @@ from pathlib import Path
 
 from orograph import keys
 from orograph.comms import wire
+from orograph.comms.callbacks import Callbacks
 from orograph.comms.session import client
 from orograph.errors import InputError, RunError
 from orograph.launch.progress import Figures, OnProgress
@@ -78,9 +79,11 @@ def _listen(sim: str, figures: Figures, stop: threading.Event) -> None:
 
     try:
         with client(sim, stop) as session:
-            session.declare_subscriber(
-                f"{keys.TELEMETRY}/**", lambda s: on_figures(str(s.key_expr), s.payload.to_bytes())
+            key = f"{keys.TELEMETRY}/**"
+            heard = Callbacks().guarded(
+                keys.callback_kind(key), lambda s: on_figures(str(s.key_expr), s.payload.to_bytes())
             )
+            session.declare_subscriber(key, heard)
             stop.wait()
     except InterruptedError:
         return

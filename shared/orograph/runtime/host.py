@@ -80,7 +80,7 @@ class NodeHost:
         memory = {"rss_max_bytes": rss_max_bytes()}
         metrics.FIGURES.show(shown, {**process, **memory})
         for name, telemetry in shown.items():
-            figures = {**telemetry, **self._mailbox.counts, **memory}
+            figures = {**telemetry, **self._counts(), **memory}
             self._bus.show(name, wire.pack_plain({k: float(v) for k, v in figures.items()}))
 
     def save(self, process: str, stages: Mapping[str, StageRecorder]) -> None:
@@ -90,8 +90,11 @@ class NodeHost:
         for name, recorder in stages.items():
             self._recording.save_stages(name, recorder)
         self._recording.save_json(f"bytes-{process}", self._bytes_by_robot())
-        figures = {"nodes": [n.name for n in self.nodes], "rss_max_bytes": rss_max_bytes(), **self._mailbox.counts}
+        figures = {"nodes": [n.name for n in self.nodes], "rss_max_bytes": rss_max_bytes(), **self._counts()}
         self._recording.save_json(f"process-{process}", figures)
+
+    def _counts(self) -> dict[str, int]:
+        return {**self._mailbox.counts, **self._bus.callbacks.figures()}
 
     def _bytes_by_robot(self) -> dict[str, dict[str, int]]:
         """Radio bytes by robot, up as sent and down as received by that robot's services in this process."""

@@ -135,6 +135,9 @@ PROCESS = {
     "forgotten": _counter("mailbox_forgotten_messages", "Messages of which fragments were dropped for want of room."),
     "skipped": _counter("mailbox_skipped_messages", "Messages that a newer one of the same stream replaced."),
     "rejected_{reason}": _counter("mailbox_rejected_messages", "Fragments refused off the wire.", WIRE_REASONS),
+    "callback_errors_{callback}": _counter(
+        "callback_errors", "What Zenoh's threads brought and this process could not take.", keys.CALLBACKS
+    ),
     "sent_bytes_{plane}": _counter("sent_bytes", "Bytes of messages sent.", keys.PLANES),
     "received_bytes_{plane}": _counter("received_bytes", "Bytes of messages received.", keys.PLANES),
     "zenoh_transports_{plane}": _gauge("zenoh_transports", "Zenoh links that are up."),
@@ -169,7 +172,10 @@ def label_of(pattern: str) -> str | None:
 
 @cache
 def _compiled(pattern: str) -> re.Pattern[str]:
-    values = {"robot": keys.ROBOT_ID.pattern, "plane": "|".join(keys.PLANES), "reason": r"[a-z][a-z_]{0,39}"}
+    values = {
+        "robot": keys.ROBOT_ID.pattern, "plane": "|".join(keys.PLANES), "callback": "|".join(keys.CALLBACKS),
+        "reason": r"[a-z][a-z_]{0,39}",
+    }  # fmt: skip
     label = label_of(pattern)
     assert label is not None
     before, after = pattern.split("{" + label + "}")

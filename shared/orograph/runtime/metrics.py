@@ -116,6 +116,7 @@ def process_figures(
         "mailbox_waiting": mailbox.waiting,
         **dict.fromkeys(("lost", "overflowed", "forgotten", "skipped"), 0),
         **dict(mailbox.counts),
+        **bus.callbacks.figures(),
         **{f"zenoh_transports_{plane}": len(session.info.transports()) for plane, session in bus.sessions.items()},
     }
     # dict() first: Zenoh's threads add routes while this one counts.

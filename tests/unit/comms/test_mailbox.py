@@ -4,8 +4,9 @@ import threading
 import time
 
 import numpy as np
+import pytest
 from orograph import keys
-from orograph.comms import wire
+from orograph.comms import mailbox, wire
 from orograph.comms.mailbox import CUT_PATIENCE_S, Mailbox, routes_to
 from orograph.messages import POSE, Bodies, Drive
 
@@ -72,7 +73,8 @@ def test_bad_pieces_and_keys_are_counted_and_change_nothing() -> None:
     assert box.take(9, newest_only=False) == []
 
 
-def test_what_comes_twice_neither_counts_nor_is_delivered_twice() -> None:
+def test_what_comes_twice_neither_counts_nor_is_delivered_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mailbox, "PATIENCE_S", 0.05)
     box, need = Mailbox(), {(keys.SIM, "world", "navigator/robot_001"): 2}
     for _ in range(2):
         _post(box, "navigator/robot_001", 7, 0)
