@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import logging
 import time
 
 from orograph import keys
 from orograph.nodes.map_manager import MapManagerNode
+from orograph.protocol.store import StoreError
 from orograph.runtime import metrics
 from orograph.runtime.briefing import Briefing
 from orograph.runtime.participant import take_part
 from orograph.runtime.settings import Settings
-from orograph.runtime.watchdog import Watchdog, leave, options
+from orograph.runtime.watchdog import EXIT_BROKEN, Watchdog, leave, options
 from orograph.stages import StageRecorder
 from orograph.storage.sqlite_store import SqliteStore
 
@@ -25,4 +27,9 @@ def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[MapManagerN
 
 if __name__ == "__main__":
     watchdog = Watchdog(keys.MANAGER, options(__doc__).parse_args())
-    leave(take_part(keys.MANAGER, Settings.from_environment(), watchdog, build))
+    try:
+        code = take_part(keys.MANAGER, Settings.from_environment(), watchdog, build)
+    except StoreError as error:
+        logging.getLogger("orograph").critical("%s", error)
+        code = EXIT_BROKEN
+    leave(code)

@@ -30,6 +30,10 @@ class StoreDamaged(StoreError):  # noqa: N818
     """The store is not ours or not whole; it is refused and left as it is."""
 
 
+class StoreBusy(StoreError):  # noqa: N818
+    """Another process holds the store; nothing is wrong with it."""
+
+
 CONFIDENT = np.dtype([("cell", "<u4"), ("stamp_ns", "<i8")])
 """When a cell's confidence first reached 64."""
 
@@ -71,7 +75,7 @@ class Store(Protocol):
     """Durable memory of one Map Manager."""
 
     def load(self) -> StoredState:
-        """All that was committed; raises StoreDamaged."""
+        """All that was committed, by this process too; raises StoreDamaged."""
 
     def commit(self, changes: Changes) -> None:
         """Keep these durably before returning; raises StoreFull (nothing kept) or StoreFailed (end the process)."""

@@ -1,26 +1,40 @@
-"""The Map Manager's durable store: SQLite, WAL mode, synchronous=FULL (protocol.md, "Storage").
+"""The Map Manager's durable store: one SQLite file, rollback journal, synchronous=FULL (protocol.md, "Storage").
 
-One row per register with a checksum of its own, and one sum over all rows, so that a flipped bit or a vanished row is
-found when the store is opened and never served. SQLite's WAL frames carry checksums themselves.
+What a commit acknowledged is in the file itself, synced, before the commit returns; the journal beside it can only undo
+a commit that never returned, and is empty in between. A write-ahead log would hold acknowledged commits alone, and
+SQLite leaves out of a log, without a word, everything from its first damaged frame on. Every row of every table has a
+checksum, and the head one over the sum of them all, so that a flipped bit, a vanished row or a file of which parts are
+older than others is found when the store is opened and never served.
 """
 
 from __future__ import annotations
 
+import json
 import sqlite3
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from orograph.arrays import I64
 from orograph.messages import REGISTER, Packed
 from orograph.protocol.epochs import NONCES_KEPT
-from orograph.protocol.store import CONFIDENT, Changes, Granted, StoreDamaged, StoredState, StoreFailed, StoreFull
+from orograph.protocol.store import (
+    CONFIDENT,
+    Changes,
+    Granted,
+    StoreBusy,
+    StoreDamaged,
+    StoredState,
+    StoreError,
+    StoreFailed,
+    StoreFull,
+)
 
 APPLICATION_ID = 0x4F524F47
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 Timed = Callable[[], AbstractContextManager[object]]
 HOLD_TIMEOUT_S = 5.0
 """How long a predecessor that is just ending may keep the file."""
@@ -33,6 +47,18 @@ _TABLES = (
     " primary key (robot, epoch)) without rowid",
     "create table confident (cell integer primary key, stamp_ns integer, checksum integer)",
 )
+_PUT_REGISTERS = "insert into register values (?, ?, ?, ?)"
+_PUT_HELLOS = "insert into hello values (?, ?, ?, ?)"
+_PUT_CONFIDENT = "insert into confident values (?, ?, ?)"
+_TAKE_REGISTERS = "delete from register where robot = ? and cell in (select value from json_each(?)) returning checksum"
+_TAKE_CONFIDENT = "delete from confident where cell in (select value from json_each(?)) returning checksum"
+_TAKE_OLD_HELLOS = (
+    "delete from hello where robot = ?1 and epoch <="
+    f" (select epoch from hello where robot = ?1 order by epoch desc limit 1 offset {NONCES_KEPT}) returning checksum"
+)
+
+Row = tuple[int | bytes, ...]
+"""Keys and content of a row, without its checksum."""
 
 
 def _checksum(*parts: int | bytes) -> int:
@@ -40,47 +66,64 @@ def _checksum(*parts: int | bytes) -> int:
     return zlib.crc32(joined)
 
 
+def _primary_code(error: sqlite3.Error) -> int | None:
+    """SQLite's primary result code; None for errors of the Python module itself."""
+    code: int | None = getattr(error, "sqlite_errorcode", None)
+    return None if code is None else code & 0xFF
+
+
 class SqliteStore:
     """Implements `protocol.store.Store` on the file `path` for a map of `shape`; one process at a time.
 
-    Raises StoreDamaged when the file is not whole, not ours, for another grid, or held by another process.
+    Raises StoreDamaged when the file is not whole, not ours or for another grid, StoreBusy when another process has it,
+    StoreFailed when it can be neither made nor opened.
     """
 
     def __init__(self, path: Path, shape: tuple[int, int], timed: Timed = nullcontext) -> None:
         """`timed` makes the context in which each commit runs."""
         self._path, self._shape, self._timed = path, shape, timed
-        self._register_sums: dict[int, I64] = {}
-        self._hello_sums: dict[tuple[int, int], int] = {}
+        self._total = 0
+        """Sum of the checksums of all rows."""
         try:
             self._db = sqlite3.connect(path, isolation_level=None, timeout=HOLD_TIMEOUT_S)
         except sqlite3.Error as error:
-            raise self._refusal(str(error)) from error
+            raise self._unopened(error) from error
         try:
             self._open()
-            self._held = self._read()
-        except StoreDamaged:
+            self._read_at_opening: StoredState | None = self._read()
+        except StoreError:
             self._db.close()
             raise
         except (
             Exception
         ) as error:  # a flipped bit shows as anything: a text that is none, a missing column, a wrong type
             self._db.close()
-            raise self._refusal(f"it cannot be read ({error})") from error
+            raise self._unopened(error) from error
 
     def _refusal(self, why: str) -> StoreDamaged:
         return StoreDamaged(f"{self._path}: {why}. The file is kept as it is; move it away to start with an empty map.")
 
+    def _unopened(self, error: Exception) -> StoreError:
+        match _primary_code(error) if isinstance(error, sqlite3.Error) else None:
+            case sqlite3.SQLITE_BUSY | sqlite3.SQLITE_LOCKED:
+                return StoreBusy(f"{self._path}: another process holds it ({error}). Wait until it ends, or end it.")
+            case sqlite3.SQLITE_CANTOPEN | sqlite3.SQLITE_READONLY | sqlite3.SQLITE_PERM | sqlite3.SQLITE_FULL:
+                return StoreFailed(f"{self._path}: {error}. Its folder must exist, be writable and have room.")
+        return self._refusal(f"it cannot be read ({error})")
+
     def _open(self) -> None:
         self._db.execute("pragma locking_mode = exclusive")
+        for statement in ("begin exclusive", "commit"):  # holds the file from here on; undoes what was cut short
+            self._db.execute(statement)
         new = self._number("select count(*) from sqlite_master") == 0
         if not new and self._number("pragma application_id") != APPLICATION_ID:
             raise self._refusal("this is not a map store")
-        self._db.execute("pragma journal_mode = wal")
+        if not new and (found := self._number("pragma user_version")) != SCHEMA_VERSION:
+            raise self._refusal(f"its schema is version {found}, this program writes {SCHEMA_VERSION}")
+        self._db.execute("pragma journal_mode = truncate")
         self._db.execute("pragma synchronous = full")
         if new:
             self._create()
-        if (found := self._number("pragma user_version")) != SCHEMA_VERSION:
-            raise self._refusal(f"its schema is version {found}, this program writes {SCHEMA_VERSION}")
         problems = [row[0] for row in self._db.execute("pragma integrity_check(1)")]
         if problems != ["ok"]:
             raise self._refusal(f"it is damaged ({problems[0]})")
@@ -106,8 +149,8 @@ class SqliteStore:
         self._db.close()
 
     def load(self) -> StoredState:
-        """All that had been committed when the store was opened."""
-        return self._held
+        """All that was committed, by this process too; raises StoreDamaged."""
+        return self._read_at_opening or self._read()
 
     # --- reading -----------------------------------------------------------------------------------------------------
 
@@ -118,95 +161,67 @@ class SqliteStore:
         rows, cols, manager_epoch, version, checksum = heads[0]
         if (rows, cols) != self._shape:
             raise self._refusal(f"it holds a map of {rows} x {cols} cells, this scenario has {self._shape}")
-        registers, granted, confident = self._read_registers(), self._read_granted(), self._read_confident()
-        if checksum != self._head_checksum(manager_epoch, version, self._total()):
+        self._total = 0
+        registers = self._read_registers()
+        granted = tuple(Granted(robot, nonce, epoch) for robot, epoch, nonce in self._rows("hello"))
+        confident = np.array(list(self._rows("confident")), CONFIDENT)
+        if checksum != self._head_checksum(manager_epoch, version, self._total):
             raise self._refusal("it is damaged (the sum over its rows does not match)")
         return StoredState(manager_epoch, version, registers, granted, confident)
 
-    def _total(self) -> int:
-        return sum(int(sums.sum()) for sums in self._register_sums.values()) + sum(self._hello_sums.values())
-
-    def _verify(self, table: str, key: tuple[int, int], checksum: int, content: int | bytes) -> None:
-        if checksum != _checksum(*key, content):
-            raise self._refusal(f"it is damaged ({table} {key} does not match its checksum)")
-
-    def _sums_of(self, robot: int) -> I64:
-        return self._register_sums.setdefault(robot, np.zeros(self._shape[0] * self._shape[1], np.int64))
+    def _rows(self, table: str) -> Iterator[tuple[Any, ...]]:
+        """Rows of a table without their checksums, which are verified and summed."""
+        for *row, checksum in self._db.execute(f"select * from {table}"):
+            if checksum != _checksum(*row):
+                raise self._refusal(f"it is damaged (a row of table {table} does not match its checksum)")
+            self._total += checksum
+            yield tuple(row)
 
     def _read_registers(self) -> dict[int, Packed]:
         blobs: dict[int, list[bytes]] = {}
-        for robot, cell, record, checksum in self._db.execute("select * from register"):
-            self._verify("register", (robot, cell), checksum, record)
-            self._sums_of(robot)[cell] = checksum
+        for robot, _, record in self._rows("register"):
             blobs.setdefault(robot, []).append(record)
         return {robot: np.frombuffer(b"".join(parts), REGISTER) for robot, parts in blobs.items()}
-
-    def _read_granted(self) -> tuple[Granted, ...]:
-        granted = []
-        for robot, epoch, nonce, checksum in self._db.execute("select * from hello"):
-            self._verify("hello", (robot, epoch), checksum, nonce)
-            self._hello_sums[robot, epoch] = checksum
-            granted.append(Granted(robot, nonce, epoch))
-        return tuple(granted)
-
-    def _read_confident(self) -> Packed:
-        found = self._db.execute("select * from confident").fetchall()
-        for cell, stamp_ns, checksum in found:
-            self._verify("confident", (cell, 0), checksum, stamp_ns)
-        return np.array([(cell, stamp_ns) for cell, stamp_ns, _ in found], CONFIDENT)
 
     # --- writing -----------------------------------------------------------------------------------------------------
 
     def commit(self, changes: Changes) -> None:
         """Keep these durably before returning; raises StoreFull (nothing kept) or StoreFailed (end the process)."""
-        registers = {robot: [_register_row(robot, row) for row in rows] for robot, rows in changes.registers.items()}
-        hellos = {(g.robot, g.epoch): _checksum(g.robot, g.epoch, g.nonce) for g in changes.granted}
-        forgotten = [key for g in changes.granted if (key := (g.robot, g.epoch - NONCES_KEPT)) in self._hello_sums]
-        total = self._total_after(registers, hellos, forgotten)
         try:
             with self._timed():
-                self._write(changes, registers, forgotten, total)
+                total = self._write(changes)
         except sqlite3.Error as error:
-            if error.sqlite_errorcode != sqlite3.SQLITE_FULL:
+            if _primary_code(error) != sqlite3.SQLITE_FULL:
                 raise StoreFailed(f"{self._path}: {error}") from error
             if self._db.in_transaction:
                 self._db.execute("rollback")
             raise StoreFull(f"{self._path}: {error}") from error
-        for robot, rows in registers.items():
-            self._sums_of(robot)[[row[1] for row in rows]] = [row[3] for row in rows]
-        self._hello_sums.update(hellos)
-        for key in forgotten:
-            del self._hello_sums[key]
+        self._total, self._read_at_opening = total, None
 
-    def _total_after(
-        self, registers: dict[int, list[tuple[int, int, bytes, int]]], hellos: dict[tuple[int, int], int],
-        forgotten: list[tuple[int, int]],
-    ) -> int:  # fmt: skip
-        total = self._total() + sum(hellos.values()) - sum(self._hello_sums[key] for key in forgotten)
-        for robot, rows in registers.items():
-            replaced = self._sums_of(robot)[[row[1] for row in rows]]
-            total += sum(row[3] for row in rows) - int(replaced.sum())
-        return total
-
-    def _write(
-        self, changes: Changes, registers: dict[int, list[tuple[int, int, bytes, int]]],
-        forgotten: list[tuple[int, int]], total: int,
-    ) -> None:  # fmt: skip
+    def _write(self, changes: Changes) -> int:
+        """One transaction; the sum over all rows as it is then."""
         self._db.execute("begin immediate")
-        for rows in registers.values():
-            self._db.executemany("insert or replace into register values (?, ?, ?, ?)", rows)
-        hellos = [(g.robot, g.epoch, g.nonce, _checksum(g.robot, g.epoch, g.nonce)) for g in changes.granted]
-        self._db.executemany("insert into hello values (?, ?, ?, ?)", hellos)
-        self._db.executemany("delete from hello where robot = ? and epoch = ?", forgotten)
-        confident = [(cell, stamp, _checksum(cell, 0, stamp)) for cell, stamp in changes.confident.tolist()]
-        self._db.executemany("insert or replace into confident values (?, ?, ?)", confident)
+        total = self._total
+        for robot, rows in changes.registers.items():
+            total -= self._take(_TAKE_REGISTERS, robot, json.dumps(rows["cell"].tolist()))
+            total += self._put(_PUT_REGISTERS, [(robot, int(row["cell"]), row.tobytes()) for row in rows])
+        total += self._put(_PUT_HELLOS, [(g.robot, g.epoch, g.nonce) for g in changes.granted])
+        total -= sum(self._take(_TAKE_OLD_HELLOS, robot) for robot in {g.robot for g in changes.granted})
+        total -= self._take(_TAKE_CONFIDENT, json.dumps(changes.confident["cell"].tolist()))
+        total += self._put(_PUT_CONFIDENT, changes.confident.tolist())
         head = (changes.manager_epoch, changes.version)
         self._db.execute(
             "update map set manager_epoch = ?, version = ?, checksum = ?", (*head, self._head_checksum(*head, total))
         )
         self._db.execute("commit")
+        return total
 
+    def _take(self, statement: str, *arguments: int | str) -> int:
+        """Delete rows; the sum of their checksums."""
+        return sum(row[0] for row in self._db.execute(statement, arguments))
 
-def _register_row(robot: int, row: np.void) -> tuple[int, int, bytes, int]:
-    cell, record = int(row["cell"]), row.tobytes()
-    return robot, cell, record, _checksum(robot, cell, record)
+    def _put(self, statement: str, rows: list[Row]) -> int:
+        """Insert rows; the sum of their checksums."""
+        sums = [_checksum(*row) for row in rows]
+        self._db.executemany(statement, ((*row, checksum) for row, checksum in zip(rows, sums, strict=True)))
+        return sum(sums)

@@ -21,6 +21,7 @@ from orograph.protocol.store import (
     Changes,
     Granted,
     MemoryStore,
+    StoreBusy,
     StoreDamaged,
     StoredState,
     StoreFailed,
@@ -135,9 +136,9 @@ def test_foreign_files_are_refused_and_kept(path):
 def test_another_schema_is_refused(path):
     filled(path)
     db = sqlite3.connect(path)
-    db.execute("pragma user_version = 2")
+    db.execute("pragma user_version = 7")
     db.close()
-    with pytest.raises(StoreDamaged, match="version 2"):
+    with pytest.raises(StoreDamaged, match="version 7"):
         SqliteStore(path, SHAPE)
 
 
@@ -150,6 +151,7 @@ def test_another_schema_is_refused(path):
         "update register set robot = 3 where robot = 2",
         "update register set checksum = checksum + 1 where cell = 5",
         "update confident set stamp_ns = 78",
+        "delete from confident",
         "delete from map",
     ],
 )
@@ -203,6 +205,27 @@ def test_failed_write_is_told_as_such(path):
         store.commit(SOME)
 
 
+def test_errors_of_the_module_itself_are_told_as_such(path):
+    store = SqliteStore(path, SHAPE)
+    store.close()
+    with pytest.raises(StoreFailed, match="closed"):
+        store.commit(SOME)
+
+
+def test_a_folder_that_is_not_there_is_told_as_such(tmp_path):
+    with pytest.raises(StoreFailed, match="folder"):
+        SqliteStore(tmp_path / "none" / "map.sqlite", SHAPE)
+
+
+def test_load_knows_what_was_committed_since_the_store_was_opened(path):
+    store = SqliteStore(filled(path), SHAPE)
+    store.commit(Changes(2, 3, {2: rows([9], seq=3)}, confident=confident((9, 5))))
+    held = store.load()
+    assert (held.manager_epoch, held.version) == (2, 3) and 9 in held.registers[2]["cell"] and len(held.confident) == 2
+    store.close()
+    assert_same(held, reopened(path))
+
+
 def test_kill_keeps_every_commit_that_returned(path):
     writer = textwrap.dedent("""
         import sys
@@ -227,10 +250,91 @@ def test_kill_keeps_every_commit_that_returned(path):
     assert held.version >= told[-1] and int(held.registers[1]["seq"].max()) == held.version
 
 
-def test_a_second_process_is_refused(path, monkeypatch):
+def test_a_second_process_is_told_to_wait_and_not_to_move_the_file(path, monkeypatch):
     monkeypatch.setattr("orograph.storage.sqlite_store.HOLD_TIMEOUT_S", 0.05)
     store = SqliteStore(filled(path), SHAPE)
-    store.commit(Changes(1, 3))
-    with pytest.raises(StoreDamaged, match="locked"):
+    with pytest.raises(StoreBusy, match="Wait until it ends, or end it") as refused:
         SqliteStore(path, SHAPE)
+    assert "move" not in str(refused.value)
     store.close()
+    assert reopened(path).version == 2
+
+
+# --- harm to the files while nobody holds them ---------------------------------------------------------------------
+
+
+def killed_after_a_commit(path) -> dict[str, bytes]:
+    """The store's files as kill -9 leaves them after acknowledged commits."""
+    store = SqliteStore(path, SHAPE)
+    for version in range(1, 9):
+        cells = (np.arange(60) + 37 * version) % 600
+        store.commit(
+            Changes(1, version, {version % 3 + 1: rows(np.sort(cells), version)}, confident=confident((version, 7)))
+        )
+    left = {file.name: file.read_bytes() for file in path.parent.glob("map.sqlite*")}
+    store.close()
+    return left
+
+
+def killed_within_a_commit(path) -> dict[str, bytes]:
+    """The same, killed while the ninth commit was half written: a tiny cache spills pages before the commit."""
+    SqliteStore(path, SHAPE).close()
+    left: dict[str, bytes] = {}
+    killed_after_a_commit(path)
+    store = SqliteStore(path, SHAPE)
+    store._db.execute("pragma cache_size = 4")
+
+    def look(statement: str) -> None:
+        if statement == "commit":
+            left.update({file.name: file.read_bytes() for file in path.parent.glob("map.sqlite*")})
+
+    store._db.set_trace_callback(look)
+    store.commit(Changes(1, 9, {1: rows(range(600), 9)}))
+    store.close()
+    assert len(left["map.sqlite-journal"]) > 4096 and left["map.sqlite"] != path.read_bytes()
+    return left
+
+
+def put(path, files: dict[str, bytes]) -> None:
+    for old in path.parent.glob("map.sqlite*"):
+        old.unlink()
+    for name, content in files.items():
+        (path.parent / name).write_bytes(content)
+
+
+def harmed(files: dict[str, bytes], rng: np.random.Generator) -> tuple[str, dict[str, bytes]]:
+    """One file with a flipped bit, cut short, or gone."""
+    name = str(rng.choice([name for name, content in files.items() if content]))
+    content = bytearray(files[name])
+    at = int(rng.integers(len(content)))
+    match int(rng.integers(5)):
+        case 0:
+            return f"{name} gone", {other: files[other] for other in files if other != name}
+        case 1:
+            return f"{name} cut to {at}", {**files, name: bytes(content[:at])}
+        case _:
+            content[at] ^= 1 << int(rng.integers(8))
+            return f"{name} flipped at {at}", {**files, name: bytes(content)}
+
+
+@pytest.mark.parametrize("killed", [killed_after_a_commit, killed_within_a_commit])
+def test_harmed_files_are_refused_or_hold_all_that_was_acknowledged(path, killed):
+    """Or the map itself is gone, and a new one is empty: never an older one in silence."""
+    files, rng, refused = killed(path), np.random.default_rng(9), 0
+    put(path, files)
+    acknowledged = reopened(path)
+    assert acknowledged.version == 8
+    for _ in range(150):
+        what, broken = harmed(files, rng)
+        put(path, broken)
+        try:
+            held = reopened(path)
+        except StoreDamaged:
+            refused += 1
+            continue
+        if broken.get("map.sqlite"):
+            assert held.version == 8, f"{what}: version {held.version}"
+            assert_same(held, acknowledged)
+        else:
+            assert held.version == 0, what
+    assert 20 < refused < 150
