@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -88,3 +89,12 @@ def without(city_run: RunParts) -> Any:
         return replace(city_run, nodes={k: v for k, v in city_run.nodes.items() if k not in names})
 
     return cut
+
+
+@pytest.fixture
+def fine_switching() -> Iterator[None]:
+    """Threads take turns as often as they can, so that a race shows soon."""
+    interval_s = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(interval_s)

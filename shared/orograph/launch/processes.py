@@ -62,7 +62,7 @@ def _follow(supervisor: Supervisor, sim: str, out: Path, on_progress: OnProgress
     listener.start()
     try:
         while not supervisor.poll():
-            on_progress(figures, supervisor.restarts)
+            on_progress(dict(figures), supervisor.restarts)  # a copy: the listener's thread adds to it
             time.sleep(POLL_S)
     finally:
         stop.set()

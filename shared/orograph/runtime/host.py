@@ -103,7 +103,7 @@ class NodeHost:
         for (plane, _, sender), n in self._bus.bytes_sent.items():
             if plane == keys.RADIO and (robot := keys.split(sender)[1]):
                 up[robot] = up.get(robot, 0) + n
-        for (plane, to, _), n in self._mailbox.bytes_received.items():
+        for (plane, to, _), n in dict(self._mailbox.bytes_received).items():  # Zenoh's threads count on
             if plane == keys.RADIO:
                 for robot in self._robots_at(to):
                     down[robot] = down.get(robot, 0) + n

@@ -1,9 +1,12 @@
-"""The host of nodes tells what was lost on the way to them, once."""
+"""The host of nodes tells what was lost on the way to them, and shares its counts with Zenoh's threads."""
 
+import itertools
+import json
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+import pytest
 from orograph import keys
 from orograph.comms import wire
 from orograph.comms.bus import Bus
@@ -30,18 +33,50 @@ class Unplugged(Bus):
         pass
 
 
-def test_losses_are_told_in_the_frame_that_finds_them(city_scenario: Scenario, tmp_path: Path) -> None:
-    bus = Unplugged({})
+@pytest.fixture
+def bus() -> Unplugged:
+    return Unplugged({})
+
+
+@pytest.fixture
+def host(bus: Unplugged, city_scenario: Scenario, tmp_path: Path) -> Iterator[NodeHost]:
+    """Of one navigator."""
     with Recording(tmp_path, "navigator") as recording:
-        host = NodeHost(bus, [NavigatorNode(city_scenario, "robot_001", 1)], city_scenario, recording)
-        counted = {keys.SIM: {NAME: {keys.WORLD: 1}}}
+        yield NodeHost(bus, [NavigatorNode(city_scenario, "robot_001", 1)], city_scenario, recording)
 
-        def step(index: int) -> int:
-            return host.step(Frame(index, index * 10**8, 10**8), counted, frozenset(), True, threading.Event())
 
-        (piece,) = wire.fragments(0, 0, b"not msgpack")
-        bus.mailbox.add(keys.message_key(keys.SIM, NAME, "Sensors", keys.WORLD), piece)
-        assert step(1) == 1
-        (piece,) = wire.fragments(1, 0, wire.encode(Drive(0, 0.0, 0.0)))
-        bus.mailbox.add(keys.message_key(keys.SIM, NAME, "Drive", keys.WORLD), piece)
-        assert step(2) == 0
+def test_losses_are_told_in_the_frame_that_finds_them(bus: Unplugged, host: NodeHost) -> None:
+    counted = {keys.SIM: {NAME: {keys.WORLD: 1}}}
+
+    def step(index: int) -> int:
+        return host.step(Frame(index, index * 10**8, 10**8), counted, frozenset(), True, threading.Event())
+
+    (piece,) = wire.fragments(0, 0, b"not msgpack")
+    bus.mailbox.add(keys.message_key(keys.SIM, NAME, "Sensors", keys.WORLD), piece)
+    assert step(1) == 1
+    (piece,) = wire.fragments(1, 0, wire.encode(Drive(0, 0.0, 0.0)))
+    bus.mailbox.add(keys.message_key(keys.SIM, NAME, "Drive", keys.WORLD), piece)
+    assert step(2) == 0
+
+
+def test_bytes_may_still_come_while_they_are_saved(
+    bus: Unplugged, host: NodeHost, tmp_path: Path, fine_switching: None
+) -> None:
+    stop = threading.Event()
+
+    def receive() -> None:
+        for i in itertools.count():
+            if stop.is_set():
+                return
+            bus.mailbox.bytes_received[keys.RADIO, NAME, str(i)] += 1
+            bus.mailbox.bytes_received.pop((keys.RADIO, NAME, str(i - 500)), None)
+
+    thread = threading.Thread(target=receive)
+    thread.start()
+    try:
+        for _ in range(20):
+            host.save("navigator", {})
+    finally:
+        stop.set()
+        thread.join()
+    assert json.loads((tmp_path / "parts" / "bytes-navigator.json").read_text())["down"]["robot_001"] > 0
