@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.current
 DEMO ?= scenarios/helsinki
 
-.PHONY: help setup demo check test bench cluster-bench study image up watch down logs fetch-run cluster-test chaos clean
+.PHONY: help setup demo check test bench map-score cluster-bench study image up watch down logs fetch-run cluster-test chaos clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -34,6 +34,10 @@ test: setup ## every test: units, protocol storms, processes over Zenoh
 
 bench: setup ## the hot paths, as a table and a last JSON line
 	$(BIN)/python tests/bench/main.py
+
+map-score: setup ## how true the maps are, by rule set: RULES=paper,default SCENARIOS=tiny SEEDS=3 DETAILS=1
+	$(BIN)/python tests/bench/map_score.py $(if $(RULES),--rules $(RULES)) $(if $(SCENARIOS),--scenarios $(SCENARIOS)) \
+		$(if $(SEEDS),--seeds $(SEEDS)) $(if $(DETAILS),--details)
 
 cluster-bench: setup image ## what the cluster costs beside local processes: speed, memory, delay, claims
 	PYTHONPATH=tests $(BIN)/python tests/bench/cluster.py
