@@ -213,6 +213,8 @@ class Scenario(Part):
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]{0,40}$")]
     title: Annotated[str, Field(min_length=1, max_length=120)]
     attribution: str = ""
+    crs: Annotated[str, Field(max_length=400)] = ""
+    """The map frame on Earth, as PROJ or EPSG spell it; empty for a made-up place."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     duration_max_s: Annotated[float, Field(gt=1, le=7200)] = 600.0
     """The mission is flushed at this simulation time if it has not ended before."""
@@ -281,6 +283,7 @@ def inconsistencies(scenario: Scenario) -> Iterator[tuple[Location, str]]:
     for i, area in enumerate(scenario.communications.areas):
         if area.value > 1:
             yield ("communications", "areas", i, "value"), f"communications are 0 or 1, found {area.value}"
+    yield from _starts_too_near(scenario)
     boxes = np.array([_bounds(b.footprint) for b in scenario.buildings]).reshape(-1, 4)
     for loc, (x, y) in _places(scenario):
         if scenario.grid.grid.row_col(x, y) is None:
@@ -289,6 +292,16 @@ def inconsistencies(scenario: Scenario) -> Iterator[tuple[Location, str]]:
         for index in np.flatnonzero(near).tolist():
             if _inside(x, y, scenario.buildings[index].footprint):
                 yield loc, f"({x:g}, {y:g}) lies in buildings[{index}]"
+
+
+def _starts_too_near(scenario: Scenario) -> Iterator[tuple[Location, str]]:
+    """Robots would start inside each other."""
+    places_m = np.array([(s.x_m, s.y_m) for s in scenario.starts])
+    length_m = math.hypot(*scenario.robot.size_m[:2])
+    for i in range(1, len(places_m)):
+        apart_m = np.hypot(*(places_m[:i] - places_m[i]).T)
+        if (nearest := int(np.argmin(apart_m))) >= 0 and apart_m[nearest] < length_m:
+            yield ("starts", i), f"{apart_m[nearest]:.1f} m from starts[{nearest}]; robots are {length_m:.2f} m long"
 
 
 def _places(scenario: Scenario) -> Iterator[tuple[Location, PointM]]:

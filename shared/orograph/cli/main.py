@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import re
 import sys
 from collections.abc import Sequence
 
@@ -23,9 +24,20 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
+def glued(argv: Sequence[str]) -> list[str]:
+    """`--bbox -73.99,40.7` as `--bbox=-73.99,40.7`: argparse takes what begins with a minus for an option."""
+    out: list[str] = []
+    for word in argv:
+        if re.match(r"-\d", word) and out and re.fullmatch(r"--[a-z-]+", out[-1]):
+            out[-1] += f"={word}"
+        else:
+            out.append(word)
+    return out
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit code."""
-    args = parser().parse_args(argv)
+    args = parser().parse_args(glued(sys.argv[1:] if argv is None else argv))
     logging.basicConfig(level=logging.ERROR)
     try:
         return int(args.main(args))

@@ -3,76 +3,68 @@
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pyproj
 import shapely
-from shapely import affinity
 
 from orograph.arrays import F64
+from orograph.importers.tags import absence, height_m
 
-EARTH_RADIUS_M = 6_378_137.0
-ECCENTRICITY_2 = 0.00669437999014
-"""WGS 84."""
-LEVEL_M = 3.2
-ROOF_M = 1.0
-"""A house of n levels is taken as n * 3.2 m + 1 m high."""
-HEIGHT_BY_TYPE_M = {"garage": 3.0, "garages": 3.0, "shed": 2.5, "roof": 4.0, "kiosk": 3.0, "house": 7.0, "church": 20.0}
-HEIGHT_DEFAULT_M = 10.0
 YARD_MIN_M2 = 60.0
 """Smaller courtyards are filled: no robot gets into them and no laser sees them."""
 FOOTPRINT_MIN_M2 = 12.0
 SIMPLIFY_M = 0.4
-DRIVABLE = frozenset(
-    [
-        "primary",
-        "secondary",
-        "tertiary",
-        "unclassified",
-        "residential",
-        "living_street",
-        "pedestrian",
-        "service",
-        "road",
-    ]
-)
+DRIVABLE = frozenset({
+    "primary", "secondary", "tertiary", "unclassified", "residential", "living_street", "pedestrian", "service", "road",
+})  # fmt: skip
 Polygons = list[tuple[shapely.Polygon, float]]
+BBox = tuple[float, float, float, float]
+"""West, south, east, north [deg]."""
 
 
-def metres_per_degree(latitude_deg: float) -> tuple[float, float]:
-    """(east, north) [m/deg] at a latitude, from the ellipsoid's radii of curvature."""
-    s2 = math.sin(math.radians(latitude_deg)) ** 2
-    across = EARTH_RADIUS_M / math.sqrt(1 - ECCENTRICITY_2 * s2)
-    along = across * (1 - ECCENTRICITY_2) / (1 - ECCENTRICITY_2 * s2)
-    return math.radians(1) * across * math.cos(math.radians(latitude_deg)), math.radians(1) * along
+def local_crs(bbox: BBox) -> str:
+    """The district's map frame as a PROJ string: metres east and north of the box's south-west corner, WGS 84."""
+    return f"+proj=tmerc +lat_0={bbox[1]!r} +lon_0={bbox[0]!r} +k=1 +x_0=0 +y_0=0 +ellps=WGS84 +units=m +no_defs"
 
 
-def to_metres(geometry: shapely.Geometry, bbox: tuple[float, float, float, float]) -> shapely.Geometry:
-    """Degrees to metres east and north of the box's south-west corner, scaled at its middle latitude."""
-    west, south, _, north = bbox
-    east_m, north_m = metres_per_degree(0.5 * (south + north))
-    return affinity.affine_transform(geometry, [east_m, 0, 0, north_m, -west * east_m, -south * north_m])
+def to_metres(geometries: Sequence[shapely.Geometry], crs: str) -> list[shapely.Geometry]:
+    """Geometries in degrees (longitude, latitude) in metres of a local frame."""
+    turn = pyproj.Transformer.from_crs("EPSG:4326", crs, always_xy=True).transform
+    return list(shapely.transform(np.array(geometries, object), lambda xy: np.column_stack(turn(xy[:, 0], xy[:, 1]))))
 
 
-def height_m(tags: Mapping[str, str]) -> float:
-    """A building's height by its tags: `height`, else `building:levels`, else a default by type."""
-    for tag, factor, more in (("height", 1.0, 0.0), ("building:levels", LEVEL_M, ROOF_M)):
-        found = re.match(r"\s*(\d+(?:[.,]\d+)?)", tags.get(tag, ""))
-        if found and float(found[1].replace(",", ".")) > 0:
-            return round(min(float(found[1].replace(",", ".")) * factor + more, 300.0), 1)
-    return HEIGHT_BY_TYPE_M.get(tags["building"], HEIGHT_DEFAULT_M)
+@dataclass(frozen=True)
+class Houses:
+    """Footprints as simple polygons without holes, each with its height [m]; and what was guessed or left out."""
+
+    walls: Polygons
+    notes: Mapping[str, int]
+    """In words -> how many."""
 
 
-def footprints(buildings: Iterable[tuple[shapely.Geometry, Mapping[str, str]]], area: shapely.Polygon) -> Polygons:
-    """Simple polygons without holes within `area` [m], each with its height [m]; tiny ones are dropped."""
-    pieces = [
-        (piece, height_m(tags))
-        for shape, tags in buildings
-        for piece in _simple(shape.intersection(area).simplify(SIMPLIFY_M))
-    ]
-    return [(piece, height) for piece, height in pieces if piece.area >= FOOTPRINT_MIN_M2]
+def houses(buildings: Iterable[tuple[shapely.Geometry, Mapping[str, str]]], area: shapely.Polygon) -> Houses:
+    """The buildings that stand within `area` [m]."""
+    walls: Polygons = []
+    notes: Counter[str] = Counter()
+    for shape, tags in buildings:
+        inside = shapely.make_valid(shape).intersection(area)
+        if inside.is_empty:
+            continue
+        if reason := absence(tags):
+            notes[f"left out: {reason}"] += 1
+            continue
+        height, guessed = height_m(tags)
+        pieces = [piece for piece in _simple(inside.simplify(SIMPLIFY_M)) if piece.area >= FOOTPRINT_MIN_M2]
+        walls += [(piece, height) for piece in pieces]
+        notes["height guessed by type"] += guessed and bool(pieces)
+        notes[f"left out: smaller than {FOOTPRINT_MIN_M2:g} m2"] += not pieces
+        notes["invalid, crossed outline mended"] += not shape.is_valid
+    return Houses(walls, {what: n for what, n in notes.items() if n})
 
 
 def _simple(shape: shapely.Geometry) -> Iterator[shapely.Polygon]:

@@ -10,8 +10,8 @@ import osmium
 import shapely
 from osmium.osm import Area, Way
 
-BBox = tuple[float, float, float, float]
-"""West, south, east, north [deg]."""
+from orograph.importers.district import BBox
+
 Feature = tuple[shapely.Geometry, Mapping[str, str]]
 """A geometry in (longitude, latitude) and its tags."""
 
@@ -26,6 +26,8 @@ class Extract:
 
     buildings: tuple[Feature, ...]
     streets: tuple[Feature, ...]
+    parts: int
+    """`building:part` areas, which are not read: a tower on an outline has the outline's height."""
 
 
 def read_extract(path: Path, bbox: BBox) -> Extract:
@@ -38,20 +40,31 @@ def read_extract(path: Path, bbox: BBox) -> Extract:
         features = [feature for feature in _features(path) if box.intersects(feature[0])]
     except (RuntimeError, ValueError) as error:
         raise ExtractError(f"{path}: not an OpenStreetMap extract (.osm.pbf) that can be read: {error}") from None
-    buildings = tuple(feature for feature in features if "building" in feature[1])
-    return Extract(buildings, tuple(feature for feature in features if "highway" in feature[1]))
+    told = {key: tuple(f for f in features if key in f[1]) for key in ("building", "highway", "building:part")}
+    return Extract(told["building"], told["highway"], len(told["building:part"]))
 
 
 def _features(path: Path) -> Iterator[Feature]:
-    """Polygons with a `building` tag, ways with a `highway` tag; those cut off at the extract's edge are left out."""
-    wanted = osmium.filter.KeyFilter("building", "highway")
+    """Polygons with a building tag, ways with a `highway` tag; those cut off at the extract's edge are left out.
+
+    osmium makes no area of an outline that crosses itself: it is given as its invalid ring.
+    """
+    wanted = osmium.filter.KeyFilter("building", "building:part", "highway")
     geometry = osmium.geom.WKBFactory()
+    crossed: dict[int, Feature] = {}
     for item in osmium.FileProcessor(str(path)).with_areas(wanted).with_filter(wanted):
         tags = dict(item.tags)
         try:
-            if isinstance(item, Area) and "building" in tags:
-                yield shapely.from_wkb(geometry.create_multipolygon(item)), tags
-            elif isinstance(item, Way) and "highway" in tags:
-                yield shapely.from_wkb(geometry.create_linestring(item)), tags
+            if isinstance(item, Area) and "highway" not in tags:
+                polygon = shapely.from_wkb(geometry.create_multipolygon(item))
+                crossed.pop(item.orig_id() if item.from_way() else -1, None)
+                yield polygon, tags
+            elif isinstance(item, Way):
+                line = shapely.from_wkb(geometry.create_linestring(item))
+                if "highway" in tags:
+                    yield line, tags
+                elif item.is_closed() and len(line.coords) > 3:
+                    crossed[item.id] = shapely.Polygon(line.coords), tags
         except (osmium.InvalidLocationError, RuntimeError):
             continue  # a way with missing nodes, or an area without a ring
+    yield from crossed.values()

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+
 import numpy as np
 
-from orograph.arrays import F64, I64
-from orograph.mission.distances import UNREACHABLE_M
+from orograph.arrays import F64
 
 
-def reachable_together(distance_m: F64) -> I64:
-    """Indices of the largest set of places (n, n road distances) that can all be reached from each other."""
-    connected = distance_m < UNREACHABLE_M
-    return np.flatnonzero(connected[int(np.argmax(connected.sum(axis=1)))])
+def spread(distances_m: Callable[[int, float], F64], count: int, first: int) -> tuple[list[int], float]:
+    """Up to `count` indices, beginning with `first`, each the farthest by road from all before it; and a net's length.
 
-
-def spread(distance_m: F64, count: int, first: int) -> list[int]:
-    """Up to `count` indices, beginning with `first`, each the farthest by road from all before it."""
-    chosen = [first]
-    nearest = distance_m[first].copy()
-    while len(chosen) < min(count, len(distance_m)):
+    The net [m] joins each place to the nearest of those before it. `distances_m(i, within)` gives the road distances
+    (n,) [m] from place i, anything large beyond `within`: once places lie dense, only their surroundings are searched.
+    """
+    chosen, net_m = [first], 0.0
+    nearest = distances_m(first, math.inf)
+    while len(chosen) < count:
         farthest = int(np.argmax(nearest))
-        if nearest[farthest] <= 0:
+        if (apart_m := float(nearest[farthest])) <= 0:
             break
         chosen.append(farthest)
-        nearest = np.minimum(nearest, distance_m[farthest])
-    return chosen
+        net_m += apart_m
+        nearest = np.minimum(nearest, distances_m(farthest, apart_m))
+    return chosen, net_m

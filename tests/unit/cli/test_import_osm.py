@@ -7,11 +7,11 @@ import pytest
 import shapely
 from orograph.cli.import_osm import parse_bbox
 from orograph.cli.main import main
-from orograph.importers.district import metres_per_degree
 from orograph.storage.scenario_file import load_scenario
 
 BBOX = (24.0, 60.0, 24.004, 60.002)
-EAST_M, NORTH_M = metres_per_degree(60.001)
+EAST_M, NORTH_M = 55_800.0, 111_412.0
+"""A degree at 60 north."""
 
 
 def _place(x_m: float, y_m: float) -> tuple[float, float]:

@@ -70,3 +70,10 @@ def test_nothing_free_and_nothing_asked() -> None:
     roads = DrivingDistances(np.ones((2, 2)), Grid((0.0, 0.0), 5.0, (2, 2)))
     assert roads.between([(1.0, 1.0)], []).shape == (1, 0)
     assert roads.between([(1.0, 1.0)], [(9.0, 9.0)]).tolist() == [[0.0]]
+
+
+def test_the_largest_island_is_kept() -> None:
+    occupation = np.zeros((10, 10))
+    occupation[:, 4] = 1.0
+    roads = DrivingDistances(occupation, Grid((0.0, 0.0), 1.0, (10, 10)))
+    assert roads.reachable_together([(1.5, 1.5), (7.5, 1.5), (8.5, 8.5), (6.5, 2.5), (2.5, 9.5)]).tolist() == [1, 2, 3]
