@@ -23,7 +23,7 @@ MODULES = {
     "world": ("dartpy",),
     "laser": ("embreex", "trimesh"),
     "mission": ("ortools.constraint_solver.pywrapcp",),
-    "osm": ("osmium",),
+    "osm": ("osmium", "pyproj"),
 }  # fmt: skip
 """Importable names by the extra that brings them ('' is what every installation has)."""
 PORTS_NEEDED = 2

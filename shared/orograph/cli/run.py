@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from orograph.cli.progress import Progress
+from orograph.errors import InputError
 from orograph.launch.lifecycle import resolve, run
 from orograph.launch.progress import OnProgress, unseen
 from orograph.scenario import Scenario
@@ -41,6 +42,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def main(args: argparse.Namespace) -> int:
     """Run and say where the report is."""
     scenario = resolve(load_scenario(args.scenario), args.robots, args.seed, args.time_scale)
+    if args.capacity < 0:
+        raise InputError(f"--capacity {args.capacity}: expected 1 or more robots per process, or 0 for the default")
     ports = (args.sim_port, args.radio_port)
     with shown(scenario, args.quiet) as on_progress:
         out = run(scenario, args.out, in_process=args.in_process, capacity=args.capacity, ports=ports,

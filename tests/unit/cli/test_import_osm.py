@@ -6,7 +6,7 @@ import osmium
 import pytest
 import shapely
 from orograph.cli.import_osm import parse_bbox
-from orograph.cli.main import main
+from orograph.cli.main import glued, main
 from orograph.storage.scenario_file import load_scenario
 
 BBOX = (24.0, 60.0, 24.004, 60.002)
@@ -106,3 +106,10 @@ def test_what_cannot_be_imported_says_why(extract: Path, tmp_path: Path, capsys:
 
 def test_a_box_by_hand() -> None:
     assert parse_bbox("24.0,60.0,24.004,60.002") == BBOX
+
+
+def test_a_box_west_of_greenwich_needs_no_equals_sign() -> None:
+    assert glued(["import-osm", "a", "--bbox", "-73.99,40.7,-73.98,40.8", "--out", "x"]) == [
+        "import-osm", "a", "--bbox=-73.99,40.7,-73.98,40.8", "--out", "x",
+    ]  # fmt: skip
+    assert glued(["run", "--quiet", "-h"]) == ["run", "--quiet", "-h"]

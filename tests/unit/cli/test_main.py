@@ -49,6 +49,12 @@ def test_a_folder_that_cannot_be_written(capsys: pytest.CaptureFixture[str], tmp
     assert "cannot be written" in _error(capsys, "run", "scenarios/tiny", "--out", str(tmp_path / "file" / "run"))
 
 
+def test_a_capacity_below_one(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert "--capacity -1: expected 1 or more" in _error(
+        capsys, "run", "scenarios/tiny", "--capacity", "-1", "--out", str(tmp_path / "run")
+    )
+
+
 def test_a_port_that_is_taken(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
