@@ -14,6 +14,7 @@ from orograph.runtime.roster import Roster
 from orograph.runtime.settings import Settings
 from orograph.runtime.watchdog import Watchdog, leave, options, whole_number
 from orograph.storage.recording import Recording
+from orograph.storage.results import WorldResult
 
 
 def main() -> None:
@@ -42,12 +43,8 @@ def _turn(bus: Bus, briefing: Briefing, watchdog: Watchdog, start_with: int | No
         clock.await_start()
         clock.run()
         watchdog.busy()
-        host.save(keys.WORLD, {})
-        recording.save_json("world", {
-            "sim_time_s": node.world.stamp_ns * 1e-9, "wall_time_s": clock.wall_time_s,
-            "complete": bool(node.ended and node.ended.complete), "deterministic": clock.deterministic,
-            "copies_equal": bool(node.ended and node.ended.copies_equal),
-        })  # fmt: skip
+        host.save({})
+        recording.save_result(WorldResult.of(node.world.stamp_ns, clock.wall_time_s, node.ended, clock.deterministic))
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from chaos.runner import await_end
 from chaos.watch import Line, Watch
 from orograph import keys
 from orograph.launch.lifecycle import commit, resolve, run
+from orograph.storage.results import Summary, WorldResult
 from orograph.storage.scenario_file import load_scenario
 from pydantic import ByteSize, TypeAdapter
 from rich.console import Console
@@ -48,7 +49,7 @@ def local_rtf() -> float:
     """`paper` with three robots, each service a process of its own."""
     with tempfile.TemporaryDirectory() as folder:
         out = run(resolve(load_scenario("paper"), 3, None, None), Path(folder) / "run", capacity=1)
-        return float(json.loads((out / "summary.json").read_text())["rtf"])
+        return Summary.read(out).rtf or 0.0
 
 
 def contained() -> dict[str, float]:
@@ -64,8 +65,8 @@ def contained() -> dict[str, float]:
 def whole_rtf(it: Cluster) -> float:
     """Real-time factor of a mission that has ended."""
     with tempfile.TemporaryDirectory() as folder:
-        world = json.loads((it.fetch(Path(folder)) / "parts" / "world.json").read_text())
-        return float(world["sim_time_s"] / world["wall_time_s"])
+        world = WorldResult.read(it.fetch(Path(folder)))
+        return world.sim_time_s / world.wall_time_s
 
 
 def memory_mb(it: Cluster) -> dict[str, float]:

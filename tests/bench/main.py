@@ -20,7 +20,10 @@ import bench_mapping
 import bench_physics
 import bench_rays
 import goals
+from orograph import keys
 from orograph.launch.lifecycle import commit, resolve, run
+from orograph.storage.results import Summary
+from orograph.storage.run_folder import process_file
 from orograph.storage.scenario_file import load_scenario
 from rich.console import Console
 
@@ -41,12 +44,11 @@ def mission_figures(capacity: int) -> dict[str, float]:
     scenario = resolve(load_scenario("scenarios/paper"), 3, None, None)
     with tempfile.TemporaryDirectory() as folder:
         out = run(scenario, Path(folder) / "run", capacity=capacity)
-        summary = json.loads((out / "summary.json").read_text())
-        processes = [json.loads(p.read_text()) for p in (out / "parts").glob("process-robot-mapping-*.json")]
-    up = summary["bytes_up_per_robot_s"]
+        summary = Summary.read(out)
+        processes = [json.loads(p.read_text()) for p in out.glob(process_file(f"{keys.MAPPING}-*"))]
     return {
-        "rtf_paper_3": summary["rtf"],
-        "bytes_up_per_robot_s": max(up.values()) if isinstance(up, dict) else up,
+        "rtf_paper_3": summary.rtf or 0.0,
+        "bytes_up_per_robot_s": summary.bytes_up_per_robot_s or 0.0,
         "rss_mapping_mb": max(p["rss_max_bytes"] for p in processes) / 1e6,
     }
 

@@ -26,7 +26,7 @@ EXPLAINED = ("rejected_fenced_epoch",)
 def mission_ended(e: Evidence) -> list[str]:
     """0: the mission came to its end, every robot flushed, every service left its part."""
     missing = [f"0: {name} left nothing" for name in e.parts.missing() if keys.split(name)[1] not in e.left]
-    return missing if e.parts.run.get("complete") else ["0: the mission did not complete", *missing]
+    return missing if e.parts.run.complete else ["0: the mission did not complete", *missing]
 
 
 def acknowledged_is_kept(e: Evidence) -> list[str]:
@@ -42,7 +42,7 @@ def acknowledged_is_kept(e: Evidence) -> list[str]:
 
 def copies_are_equal(e: Evidence) -> list[str]:
     """2: every robot's copy has the manager's hash at the end."""
-    if not e.parts.run.get("complete"):
+    if not e.parts.run.complete:
         return ["2: the run never came to rest"]
     wrong = [f"2: {robot} left no copy" for robot in e.staying if robot not in e.ledger.copies]
     copies = {robot: map_hash(copy) for robot, copy in e.ledger.copies.items() if robot not in e.left}

@@ -15,6 +15,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from orograph.storage.run_folder import LATEST
+
 ROOT = Path(__file__).parents[2]
 COMPOSE = ROOT / "ops" / "compose"
 CHAOS = Path(__file__).parent
@@ -154,7 +156,7 @@ class Cluster:
     def fetch(self, out: Path) -> Path:
         """Copy the newest run folder, whatever there is of it, to `out` and return its path."""
         orchestrator = self.only("orchestrator")
-        name = self._read(orchestrator, "/run/orograph/latest").decode().strip()
+        name = self._read(orchestrator, f"/run/orograph/{LATEST}").decode().strip()
         call("docker", "cp", f"{orchestrator}:/run/orograph/{name}", str(out))
         return out / name
 

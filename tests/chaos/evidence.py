@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -16,8 +15,11 @@ from orograph.judge.tracks import tracks
 from orograph.launch.lifecycle import commit
 from orograph.protocol.fold import ROBOT_REGISTER, FoldRules
 from orograph.protocol.manager import ManagerSync
+from orograph.scenario import Scenario
 from orograph.scene.prior import prior_records
 from orograph.storage.parts import RunParts, read_parts
+from orograph.storage.results import RunInfo, WorldResult
+from orograph.storage.run_folder import SCENARIO, STORE, WORLD, read_text
 from orograph.storage.sqlite_store import SqliteStore
 
 Line = dict[str, Any]
@@ -82,12 +84,10 @@ def read(folder: Path, lines: Sequence[Line], actions: Sequence[Action]) -> Evid
 
 def _complete(folder: Path) -> None:
     """The orchestrator's part of the folder, which it writes after the run."""
-    parts = folder / "parts"
-    scenario = json.loads((parts / "scenario.json").read_text())
-    left = parts / "world.json"
-    result = json.loads(left.read_text()) if left.exists() else {"sim_time_s": 0.0, "wall_time_s": 0.0}
-    known = {"seed": scenario["seed"], "robots": scenario["robots"], "runner": "chaos", "commit": commit()}
-    (parts / "run.json").write_text(json.dumps({**known, **result}))
+    scenario = Scenario.model_validate_json(read_text(folder, SCENARIO))
+    left = (folder / WORLD).exists()
+    result = WorldResult.read(folder) if left else WorldResult.of(0, 0.0, None, deterministic=False)
+    RunInfo.ran(result, scenario, "chaos", commit()).write(folder)
 
 
 def _recover(folder: Path, parts: RunParts) -> tuple[np.ndarray, tuple[bytes, bytes]]:
@@ -97,9 +97,9 @@ def _recover(folder: Path, parts: RunParts) -> tuple[np.ndarray, tuple[bytes, by
     for attempt in ("once", "twice"):
         copy = folder / f"store-{attempt}"
         copy.mkdir()
-        for file in folder.glob("map.sqlite*"):
+        for file in folder.glob(f"{STORE}*"):
             shutil.copy(file, copy / file.name)
-        store = SqliteStore(copy / "map.sqlite", parts.glrm_grid.shape)
+        store = SqliteStore(copy / STORE, parts.glrm_grid.shape)
         manager = ManagerSync(parts.glrm_grid.shape, prior, FoldRules.of(parts.scenario.rules), store, robots)
         found.append((manager.registers(), manager.hash()))
         store.close()

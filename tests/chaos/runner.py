@@ -115,12 +115,12 @@ def measure(evidence: Evidence) -> dict[str, Any]:
     begin = min((a.at for a in actions), default=0.0)
     waits = latencies_s(evidence, evidence.healthy, lambda t: heal is not None and begin <= t <= heal.at)
     return {
-        "sim_time_s": round(run.get("sim_time_s", 0.0), 1), "wall_time_s": round(run.get("wall_time_s", 0.0), 1),
-        "complete": bool(run.get("complete")), "deterministic": bool(run.get("deterministic")),
+        "sim_time_s": round(run.sim_time_s, 1), "wall_time_s": round(run.wall_time_s, 1),
+        "complete": run.complete, "deterministic": run.deterministic,
         "glrm_hash": "" if ledger.glrm is None else map_hash(ledger.glrm).hex(),
         "settled_s": None if settled is None else round(settled, 1),
         "cells_acked": sum(len(a) for a in ledger.acked.values()),
-        "cells_lost": sum(lost_cells(ledger, robot) for robot in evidence.parts.robots),
+        "cells_lost": sum(lost_cells(ledger, robot) for robot in ledger.acked),
         "acks_seen": len(evidence.of("Ack")),
         "manager_lives": len({line["manager_epoch"] for line in evidence.of("Digest")}),
         "batches_unanswered": sum(f.get("batches_unanswered", 0) for f in mapping),

@@ -96,7 +96,7 @@ def broken_map(evidence: Evidence) -> None:
 
 
 def unfinished(evidence: Evidence) -> None:
-    evidence.parts = replace(evidence.parts, run={**evidence.parts.run, "complete": False})
+    evidence.parts = replace(evidence.parts, run=evidence.parts.run.model_copy(update={"complete": False}))
 
 
 def forgotten_in_the_database(evidence: Evidence) -> None:
@@ -142,7 +142,7 @@ def test_a_broken_promise_is_seen(prefix: str, mutate: Callable[[Evidence], None
 
 
 def test_settling_is_the_first_digest_that_all_agree_with(evidence: Evidence) -> None:
-    evidence.parts = replace(evidence.parts, run={**evidence.parts.run, "robots": 1})
+    evidence.parts = replace(evidence.parts, run=evidence.parts.run.model_copy(update={"robots": 1}))
     assert settled_s(evidence) is None
     lines(evidence, figures(3.0, copy_digest_matches=5.0))
     assert settled_s(evidence) == pytest.approx(1.5)

@@ -1,6 +1,5 @@
 """Kill -9 in the middle of a mission of processes: it ends, nothing acknowledged is lost, all copies are equal."""
 
-import json
 import os
 import signal
 import time
@@ -12,6 +11,8 @@ from orograph.launch.lifecycle import finish, prepare_out
 from orograph.launch.processes import run_processes
 from orograph.launch.progress import Figures
 from orograph.launch.supervisor import Child, Supervisor
+from orograph.storage.results import Summary
+from orograph.storage.run_folder import SUMMARY
 from orograph.storage.scenario_file import load_scenario
 
 pytestmark = pytest.mark.cluster
@@ -43,15 +44,15 @@ def test_a_killed_part_costs_nothing_that_was_acknowledged(name: str, frames: li
     out, begin_s, nemesis, kills = prepare_out(tmp_path / "run", TINY), time.time(), Nemesis(name, frames), len(frames)
     run_processes(TINY, out, 1, (0, 0), nemesis.watch, nemesis.started)
     finish(TINY, out, "processes", begin_s)
-    summary = json.loads((out / "summary.json").read_text())
+    summary = Summary.read(out)
     assert nemesis.kills == kills
-    assert summary["complete"] and not summary["deterministic"]
-    assert summary["cells_lost"] == 0 and summary["cells_acked"] > 100
-    assert summary["copies_hash_equal"] and summary["glrm_is_own_fold"]
+    assert summary.complete and not summary.deterministic
+    assert summary.cells_lost == 0 and summary.cells_acked > 100
+    assert summary.copies_hash_equal and summary.glrm_is_own_fold
 
 
 def test_the_worlds_death_ends_the_run_with_its_name(tmp_path: Path) -> None:
     out, nemesis = prepare_out(tmp_path / "run", TINY), Nemesis("world", [50])
     with pytest.raises(RunError, match=r"world died \(signal SIGKILL"):
         run_processes(TINY, out, 3, (0, 0), nemesis.watch, nemesis.started)
-    assert not (out / "summary.json").exists()
+    assert not (out / SUMMARY).exists()

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from containers.conftest import Cluster, call, until
 from orograph import keys
 from orograph.launch.lifecycle import resolve, run
+from orograph.storage.results import Summary
+from orograph.storage.run_folder import node_file
 from orograph.storage.scenario_file import load_scenario
 
 pytestmark = [pytest.mark.containers, pytest.mark.timeout(600)]
 PROCESS = (
     "for p in /proc/[0-9]*; do tr '\\0' ' ' < $p/cmdline | grep -q '^python -m services' && kill -9 ${p#/proc/}; done"
 )
-
-
-def _summary(out: Path) -> dict[str, Any]:
-    return json.loads((out / "summary.json").read_text())
 
 
 def test_three_robots_are_healthy_in_half_a_minute_and_make_the_local_map(
@@ -37,10 +33,10 @@ def test_three_robots_are_healthy_in_half_a_minute_and_make_the_local_map(
     for service in keys.SERVICES:
         codes = [until(lambda c=c: (cluster.exit_code(c),), service) for c in cluster.containers(service)]
         assert set(codes) == {(0,)}, service
-    found = _summary(cluster.fetch(tmp_path / "fetched"))
-    local = _summary(run(resolve(load_scenario("tiny"), 3, None, None), tmp_path / "local", in_process=True))
-    assert found["complete"] and found["deterministic"] and found["copies_hash_equal"] and found["cells_lost"] == 0
-    assert found["glrm_hash"] == local["glrm_hash"]
+    found = Summary.read(cluster.fetch(tmp_path / "fetched"))
+    local = Summary.read(run(resolve(load_scenario("tiny"), 3, None, None), tmp_path / "local", in_process=True))
+    assert found.complete and found.deterministic and found.copies_hash_equal and found.cells_lost == 0
+    assert found.glrm_hash == local.glrm_hash
 
 
 def test_a_fleet_grows_and_shrinks_in_the_middle_of_a_mission(start: Callable[..., Cluster], tmp_path: Path) -> None:
@@ -58,12 +54,12 @@ def test_a_fleet_grows_and_shrinks_in_the_middle_of_a_mission(start: Callable[..
     scale(2)
     cluster.await_end()
     out = cluster.fetch(tmp_path)
-    summary = _summary(out)
-    assert summary["complete"] and summary["copies_hash_equal"] and summary["cells_lost"] == 0
-    with np.load(out / "parts" / "world.npz") as world:
+    summary = Summary.read(out)
+    assert summary.complete and summary.copies_hash_equal and summary.cells_lost == 0
+    with np.load(out / node_file(keys.WORLD)) as world:
         drove = {r for r in ("robot_001", "robot_002", "robot_003") if np.ptp(world[f"{r}_truth"][:, 1:3]) > 1}
     assert {"robot_001"} < drove
-    with np.load(out / "parts" / "map-manager.npz") as manager:
+    with np.load(out / node_file(keys.MANAGER)) as manager:
         assert set(np.unique(manager["registers"]["robot"])) - {0} == {1, 2, 3}  # the leaver's evidence stays
 
 
@@ -78,8 +74,8 @@ def test_a_killed_workers_robot_goes_on_by_a_spare(start: Callable[..., Cluster]
     restarts = lambda: call("docker", "inspect", "--format", "{{.RestartCount}}", killed).stdout.strip()  # noqa: E731
     until(lambda: restarts() == "1", "the killed container is started again, as a spare")
     cluster.await_end()
-    summary = _summary(cluster.fetch(tmp_path))
-    assert summary["complete"] and summary["copies_hash_equal"] and summary["cells_lost"] == 0
+    summary = Summary.read(cluster.fetch(tmp_path))
+    assert summary.complete and summary.copies_hash_equal and summary.cells_lost == 0
 
 
 def test_a_worker_told_to_stop_has_flushed_within_two_seconds(start: Callable[..., Cluster]) -> None:

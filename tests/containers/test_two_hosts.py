@@ -14,6 +14,7 @@ from containers.conftest import ROOT, Cluster, call, clusters, until
 from orograph import keys
 from orograph.launch.lifecycle import resolve, run
 from orograph.launch.processes import free_port
+from orograph.storage.results import Summary
 from orograph.storage.scenario_file import load_scenario
 
 pytestmark = [pytest.mark.containers, pytest.mark.timeout(600)]
@@ -76,10 +77,10 @@ def two_hosts(engine: None) -> Iterator[Callable[[str], TwoHosts]]:
         yield make
 
 
-def summary(cluster: TwoHosts, out: Path) -> dict[str, Any]:
+def summary(cluster: TwoHosts, out: Path) -> Summary:
     until(lambda: cluster.exit_code(cluster.one(keys.ORCHESTRATOR)) is not None, "no end", MISSION_S)
     cluster.await_end()
-    return json.loads((cluster.fetch(out) / "summary.json").read_text())
+    return Summary.read(cluster.fetch(out))
 
 
 def published(**wishes: str) -> list[tuple[str, str]]:
@@ -104,8 +105,8 @@ def test_robots_on_two_hosts_make_the_map_of_one_process(two_hosts: Callable[[st
     assert here == {"sim", "radio"} and there == {"far-sim", "far-radio"}
     found = summary(cluster, tmp_path / "fetched")
     local = run(resolve(load_scenario("tiny"), 2, None, None), tmp_path / "local", in_process=True)
-    assert found["complete"] and found["deterministic"] and found["copies_hash_equal"] and found["cells_lost"] == 0
-    assert found["glrm_hash"] == json.loads((local / "summary.json").read_text())["glrm_hash"]
+    assert found.complete and found.deterministic and found.copies_hash_equal and found.cells_lost == 0
+    assert found.glrm_hash == Summary.read(local).glrm_hash
 
 
 def test_a_cut_of_the_routers_links_heals_and_nothing_acknowledged_is_lost(
@@ -123,6 +124,6 @@ def test_a_cut_of_the_routers_links_heals_and_nothing_acknowledged_is_lost(
         until(lambda: 0 <= cluster.silence_s(robot) < 3, f"{robot} does not come back on the {plane} plane")
     found = summary(cluster, tmp_path)
     # The robots stood still during the cuts: whether the patrol's time sufficed is not the question.
-    held = {key: found[key] for key in ("copies_hash_equal", "glrm_is_own_fold", "cells_lost", "missing_parts")}
-    assert held == {"copies_hash_equal": True, "glrm_is_own_fold": True, "cells_lost": 0, "missing_parts": []}
+    assert found.copies_hash_equal and found.glrm_is_own_fold
+    assert (found.cells_lost, found.missing_parts) == (0, ())
     assert cluster.status() is None

@@ -19,7 +19,10 @@ from orograph.scene.prior import prior_records
 from orograph.sensing import Laser
 from orograph.sensing.truth import top_surface
 from orograph.stages import STAGES
+from orograph.storage import run_folder
 from orograph.storage.parts import RunParts
+from orograph.storage.recording import Recording
+from orograph.storage.results import HeightErrors, Machine, MapScore, MapScores, RunInfo, Scores, Summary, WorldResult
 
 LENGTH_S = 60
 
@@ -190,31 +193,47 @@ def made_up(scenario: Scenario) -> RunParts:
             (58, "orchestrator", None, "phase"),
         )
     ]  # fmt: skip
-    run = {
-        "seed": 1, "robots": scenario.robots, "mode": "lockstep", "runner": "in-process", "commit": "0123456789ab",
-        "sim_time_s": float(LENGTH_S), "wall_time_s": 7.5, 
-        "complete": True, "copies_equal": True, "deterministic": True,
-    }  # fmt: skip
+    result = WorldResult(sim_time_s=LENGTH_S, wall_time_s=7.5, complete=True, copies_equal=True, deterministic=True)
+    machine = Machine(
+        processor="Made-up <CPU> 2.0 GHz", cores=2, memory_bytes=8 * 1024**3, system="Linux 6.1, x86_64",
+        python="3.11.2", packages={"numpy": "2.0.0"},
+    )  # fmt: skip
+    run = RunInfo.ran(result, scenario, "in-process", "0123456789ab", machine)
     return RunParts(
         scenario=scenario, run=run, nodes=nodes, stages_ns=stages, bytes_up=dict.fromkeys(robots, 90_000),
         bytes_down=dict.fromkeys(robots, 200_000), events=tuple(events),
     )  # fmt: skip
 
 
+def made_up_summary(robots: int) -> Summary:
+    """What a study reads of a run: a map that is 0.2 m from ideal scans."""
+    none = HeightErrors(cells=0, rmse_m=None, mae_m=None, bias_m=None, p95_m=None)
+    score = MapScore(
+        cells=9, rmse_m=0.2, mae_m=0.1, bias_m=0.0, p95_m=0.4, occupation_iou=1.0, open_ground=none, buildings=none,
+        by_confidence=(),
+    )  # fmt: skip
+    both = Scores(surface=score, ideal=score)
+    return Summary(
+        scenario="city", seed=1, robots=robots, robots_gone=(), mode="lockstep", runner="in-process", commit="0123",
+        complete=True, deterministic=True, sim_time_s=460.0, wall_time_s=46.0, rtf=10.0, glrm_hash="ab",
+        copies_hash_equal=True, glrm_is_own_fold=True, coverage=0.97, observable_cells=9, mapping_time_s={95: 300.0},
+        stages_ms={}, bytes_up_per_robot_s=1500.0, bytes_down_per_robot_s=3000.0, cells_acked=9, cells_lost=0,
+        missing_parts=(), score=MapScores(glrm=both, hrm=both),
+    )  # fmt: skip
+
+
 def leave(parts: RunParts, out: Path) -> None:
     """Write a run's parts as the services do."""
-    folder = out / "parts"
-    (folder / "events").mkdir(parents=True)
-    (folder / "scenario.json").write_text(parts.scenario.model_dump_json())
-    (folder / "run.json").write_text(json.dumps(parts.run))
+    run_folder.write_whole(out / run_folder.SCENARIO, parts.scenario.model_dump_json())
+    parts.run.write(out)
     for name, arrays in parts.nodes.items():
-        np.savez(folder / f"{name.replace('/', '-')}.npz", **dict(arrays))
+        run_folder.write_arrays(out / run_folder.node_file(name), arrays)
     for name, stages in parts.stages_ns.items():
         content = {stage: [int(v) for v in values] for stage, values in stages.items()}
-        (folder / f"stages-{name.replace('/', '-')}.json").write_text(json.dumps(content))
+        run_folder.write_whole(out / run_folder.stages_file(name), json.dumps(content))
     for i, robot in enumerate(parts.robots):
-        counted = {"up": {robot: parts.bytes_up[robot]}, "down": {robot: parts.bytes_down[robot]}}
-        (folder / f"bytes-process-{i}.json").write_text(json.dumps(counted))
+        with Recording(out, f"p{i}") as recording:
+            recording.save_bytes({robot: parts.bytes_up[robot]}, {robot: parts.bytes_down[robot]})
     for i in (0, 1):
         lines = [json.dumps(e) for e in parts.events[i::2]]
-        (folder / "events" / f"p{i}.jsonl").write_text("\n".join(lines) + "\n")
+        run_folder.write_whole(out / run_folder.events_file(f"p{i}"), "\n".join(lines) + "\n")

@@ -21,7 +21,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def main(args: argparse.Namespace) -> int:
     """Compose the folder anew and say where the report is; raises InputError for a folder without a run."""
     from orograph.report.folder import compose  # heavy: only once there is something to do
-    from orograph.storage.parts import REPORT, FolderError
+    from orograph.storage.run_folder import REPORT, FolderError
 
     try:
         compose(args.folder)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +12,8 @@ from orograph.errors import InputError
 from orograph.launch.lifecycle import resolve, run
 from orograph.launch.progress import OnProgress, unseen
 from orograph.scenario import Scenario
+from orograph.storage.results import Summary
+from orograph.storage.run_folder import REPORT
 from orograph.storage.scenario_file import load_scenario
 
 
@@ -48,10 +49,10 @@ def main(args: argparse.Namespace) -> int:
     with shown(scenario, args.quiet) as on_progress:
         out = run(scenario, args.out, in_process=args.in_process, capacity=args.capacity, ports=ports,
                   on_progress=on_progress)  # fmt: skip
-    summary = json.loads((out / "summary.json").read_text())
-    copies = "all copies equal" if summary["copies_hash_equal"] else "COPIES DIFFER"
-    print(f"map {summary['glrm_hash']} · {copies} · {summary['sim_time_s']:.0f} s of simulation "
-          f"in {summary['wall_time_s']:.1f} s\nreport: {out / 'report.html'}")  # fmt: skip
+    summary = Summary.read(out)
+    copies = "all copies equal" if summary.copies_hash_equal else "COPIES DIFFER"
+    print(f"map {summary.glrm_hash} · {copies} · {summary.sim_time_s:.0f} s of simulation "
+          f"in {summary.wall_time_s:.1f} s\nreport: {out / REPORT}")  # fmt: skip
     return 0
 
 

@@ -14,6 +14,8 @@ from rich.table import Table
 from orograph.cli.run import shown
 from orograph.errors import InputError
 from orograph.launch.lifecycle import resolve, run
+from orograph.storage.results import Summary
+from orograph.storage.run_folder import STUDY, STUDY_PAGE, new_folder, write_whole
 from orograph.storage.scenario_file import load_scenario
 
 if TYPE_CHECKING:
@@ -43,20 +45,19 @@ def main(args: argparse.Namespace) -> int:
 
     asked = load_scenario(args.scenario)
     scenarios = [resolve(asked, count, args.seed, "max") for count in counts(args.robots)]
-    out = new_folder(args.out, asked.name)
+    out = new_folder(args.out, f"study-{asked.name}")
     summaries = []
     for scenario in scenarios:
         with shown(scenario, args.quiet) as on_progress:
             folder = run(scenario, out / f"robots-{scenario.robots}", in_process=args.in_process,
                          on_progress=on_progress)  # fmt: skip
-        summaries.append((folder.name, json.loads((folder / "summary.json").read_text())))
+        summaries.append((folder.name, Summary.read(folder)))
     rows = study_rows(summaries, same_cells_times_s([out / name for name, _ in summaries]))
-    _write(out / "study.html", render_study(asked.title, rows))
-    _write(
-        out / "study.json", json.dumps({"scenario": asked.name, "rows": [asdict(row) for row in rows]}, indent=2) + "\n"
-    )
+    write_whole(out / STUDY_PAGE, render_study(asked.title, rows))
+    figures = {"scenario": asked.name, "rows": [asdict(row) for row in rows]}
+    write_whole(out / STUDY, json.dumps(figures, indent=2) + "\n")
     Console().print(table(asked.name, rows))
-    print(f"study: {out / 'study.html'}")
+    print(f"study: {out / STUDY_PAGE}")
     return 0
 
 
@@ -66,19 +67,6 @@ def counts(text: str) -> list[int]:
         return sorted({int(part) for part in text.split(",")})
     except ValueError:
         raise InputError(f"--robots {text}: expected numbers and commas such as 1,2,3") from None
-
-
-def new_folder(out: Path | None, name: str) -> Path:
-    """The study's folder, made; raises InputError where it is not empty or cannot be made."""
-    if out is None:
-        out = next(p for i in range(1, 10_000) if not (p := Path("runs") / f"study-{name}-{i:03d}").exists())
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"--out {out}: not an empty folder; name a new one or remove it")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None
-    return out
 
 
 def table(name: str, rows: list[StudyRow]) -> Table:
@@ -102,9 +90,3 @@ def table(name: str, rows: list[StudyRow]) -> Table:
         )  # fmt: skip
         out.add_row(str(row.robots), *("-" if value is None else f"{value:.{digits}f}" for value, digits in figures))
     return out
-
-
-def _write(path: Path, text: str) -> None:
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_text(text, encoding="utf-8")
-    temporary.replace(path)

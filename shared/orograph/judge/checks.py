@@ -101,16 +101,16 @@ def checks(parts: RunParts, ledger: Ledger) -> Checks:
 
 
 def _ended(parts: RunParts) -> Check:
-    complete = bool(parts.run.get("complete"))
+    complete = parts.run.complete
     found = "Patrol driven, every robot flushed." if complete else "Time was up, or a robot never flushed."
     return Check("The mission ended by itself", complete, found)
 
 
 def _deterministic(parts: RunParts) -> Check:
     promise = "Same scenario and seed give the same map"
-    if parts.run.get("deterministic"):
+    if parts.run.deterministic:
         return Check(promise, True, "Everybody kept step to the end; no message was lost but by the scenario.")
-    if parts.run.get("mode") == "paced":
+    if parts.run.mode == "paced":
         return Check(promise, False, "Paced time: what comes late depends on the machine.")
     return Check(promise, False, "A worker died or came late, a message was lost, or the run was stopped.")
 

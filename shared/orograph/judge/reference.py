@@ -26,6 +26,7 @@ from orograph.scenario import Scenario
 from orograph.scene import build_scene
 from orograph.scene.prior import given_layers, prior_records
 from orograph.sensing.truth import dense_scans
+from orograph.storage.run_folder import write_arrays
 
 VERSION = "3"
 """Grows with any change that moves the reference, so that kept ones are made anew."""
@@ -133,15 +134,11 @@ def _cropped(whole: CellMap) -> CellMap:
 
 
 def _save(path: Path, reference: Reference) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
     arrays: dict[str, Any] = {"poses": reference.poses, "hrm_origin_m": np.array(reference.hrm.grid.origin_m)}
     for name in MAPPED_LAYERS:
         arrays[f"glrm_{name}"] = getattr(reference.glrm, name)
         arrays[f"hrm_{name}"] = getattr(reference.hrm, name)
-    temporary = path.with_name(f".{path.name}.part")
-    with temporary.open("wb") as stream:
-        np.savez_compressed(stream, **arrays)
-    temporary.replace(path)
+    write_arrays(path, arrays)
 
 
 def _load(path: Path, scenario: Scenario) -> Reference:

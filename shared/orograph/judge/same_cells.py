@@ -8,8 +8,8 @@ from pathlib import Path
 from orograph.judge import reference
 from orograph.judge.score import mapping_times_s
 from orograph.judge.summary import first_confident_ns
-from orograph.storage.cache import cache_folder
 from orograph.storage.parts import read_parts
+from orograph.storage.run_folder import cache_folder
 
 
 def same_cells_times_s(folders: Sequence[Path], cache: Path | None = None) -> dict[int, float | None]:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from orograph.arrays import I64, Mask
 from orograph.layers import CONFIDENT, CellMap
+from orograph.storage.results import HeightErrors, MapScore
 
 Heights = npt.NDArray[np.floating[Any]]
 
@@ -27,25 +28,16 @@ SHARES = (50, 90, 95, 99)
 NOTHING: tuple[Heights, Heights, Mask] = (np.zeros(0), np.zeros(0), np.zeros(0, np.bool_))
 
 
-@dataclass(frozen=True)
-class HeightError:
-    """Height of a map minus a truth's, over `cells` cells; NaN where there is none."""
-
-    cells: int
-    rmse_m: float
-    mae_m: float
-    bias_m: float
-    p95_m: float
-
-    @classmethod
-    def of(cls, errors_m: Heights) -> HeightError:
-        """Figures of a flat array of errors [m], all finite."""
-        if not errors_m.size:
-            return cls(0, math.nan, math.nan, math.nan, math.nan)
-        e = errors_m.astype(np.float64)
-        size = np.abs(e)
-        rmse = math.sqrt(float(np.mean(e * e)))
-        return cls(e.size, rmse, float(size.mean()), float(e.mean()), float(np.quantile(size, 0.95)))
+def height_error(errors_m: Heights) -> HeightErrors:
+    """Figures of a flat array of errors [m], all finite."""
+    e = errors_m.astype(np.float64)
+    if not e.size:
+        return HeightErrors(cells=0, rmse_m=None, mae_m=None, bias_m=None, p95_m=None)
+    size = np.abs(e)
+    return HeightErrors(
+        cells=e.size, rmse_m=math.sqrt(float(np.mean(e * e))), mae_m=float(size.mean()), bias_m=float(e.mean()),
+        p95_m=float(np.quantile(size, 0.95)),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,17 +47,6 @@ class Truth:
     height_m: Heights
     occupied: Mask
     known: Mask
-
-
-@dataclass(frozen=True)
-class MapScore:
-    """One map, or several of a kind, against one truth."""
-
-    confident: HeightError
-    by_confidence: tuple[HeightError, ...]
-    open_ground: HeightError
-    buildings: HeightError
-    occupation_iou: float
 
 
 def truth_of_map(reference: CellMap) -> Truth:
@@ -83,15 +64,15 @@ def score_maps(pairs: list[tuple[CellMap, Truth, Mask]]) -> MapScore:
     """Pooled score of maps against truths; the mask (rows, cols) says which cells hold a building in the true scene."""
     error, confidence, building = (np.concatenate(parts) for parts in zip(NOTHING, *map(_errors, pairs), strict=True))
     sure = confidence >= CONFIDENT
-    bins = tuple(HeightError.of(error[(confidence >= low) & (confidence < high)]) for low, high in CONFIDENCE_BINS)
+    bins = tuple(height_error(error[(confidence >= low) & (confidence < high)]) for low, high in CONFIDENCE_BINS)
     both = [_overlap(cells, truth) for cells, truth, _ in pairs]
     union = sum(u for _, u in both)
     return MapScore(
-        confident=HeightError.of(error[sure]),
+        **height_error(error[sure]).model_dump(),
         by_confidence=bins,
-        open_ground=HeightError.of(error[sure & ~building]),
-        buildings=HeightError.of(error[sure & building]),
-        occupation_iou=sum(i for i, _ in both) / union if union else math.nan,
+        open_ground=height_error(error[sure & ~building]),
+        buildings=height_error(error[sure & building]),
+        occupation_iou=sum(i for i, _ in both) / union if union else None,
     )
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,7 +11,7 @@ from orograph import keys
 from orograph.arrays import I64, Mask
 from orograph.judge.checks import Checks, Ledger, checks, lost_cells, read_ledger
 from orograph.judge.reference import Reference
-from orograph.judge.score import MapScore, Truth, coverage, mapping_times_s, score_maps, truth_of_map
+from orograph.judge.score import Truth, coverage, mapping_times_s, score_maps, truth_of_map
 from orograph.judge.timing import table_2
 from orograph.judge.tracks import Track, tracks
 from orograph.layers import CONFIDENT, CellMap, Layer
@@ -23,6 +21,7 @@ from orograph.scene import Scene, build_scene
 from orograph.scene.prior import given_layers, prior_records
 from orograph.sensing.truth import top_surface
 from orograph.storage.parts import RunParts
+from orograph.storage.results import MapScores, Scores, Summary
 
 BUILDING_FROM_M = 1.0
 """A cell counts as building where the true surface stands more than this above the ground."""
@@ -56,14 +55,10 @@ class Verdict:
     reference: Reference
     surface: Truth
     """The true top surface over the GLRM grid."""
-    glrm_score: tuple[MapScore, MapScore]
-    """Against the true surface, against ideal scans."""
-    hrm_score: tuple[MapScore, MapScore]
     checks: Checks
     tracks: Mapping[str, Track]
     radio: list[RadioRow]
-    missing: tuple[str, ...]
-    summary: Mapping[str, Any]
+    summary: Summary
     sentence: str
 
     @property
@@ -89,16 +84,16 @@ def judge(parts: RunParts, reference: Reference) -> Verdict:
     prior = unpack(prior_records(parts.scenario), parts.glrm_grid, *given)
     glrm = prior if ledger.glrm is None else unpack(ledger.glrm, parts.glrm_grid, *given)
     surface, building = true_surface(scene, glrm, GLRM_SAMPLES)
-    glrm_score = _both([(glrm, surface, building)], [(glrm, truth_of_map(reference.glrm), building)])
-    hrm_score = _score_hrms(parts, scene, reference)
     ways, promises = tracks(parts), checks(parts, ledger)
     radio = [_radio(parts, ledger, ways, robot) for robot in parts.robots]
-    figures = _figures(parts, ledger, promises, glrm, reference, radio)
-    figures["score"] = {"glrm": _score_figures(glrm_score), "hrm": _score_figures(hrm_score)}
+    score = MapScores(
+        glrm=_both([(glrm, surface, building)], [(glrm, truth_of_map(reference.glrm), building)]),
+        hrm=_score_hrms(parts, scene, reference),
+    )
+    summary = _summary(parts, ledger, promises, glrm, reference, radio, score)
     return Verdict(
-        glrm=glrm, prior=prior, scene=scene, reference=reference, surface=surface, glrm_score=glrm_score,
-        hrm_score=hrm_score, checks=promises, tracks=ways, radio=radio, missing=parts.missing(),
-        summary=_json_ready(figures), sentence=sentence(parts, figures),
+        glrm=glrm, prior=prior, scene=scene, reference=reference, surface=surface, checks=promises, tracks=ways,
+        radio=radio, summary=summary, sentence=sentence(parts, summary),
     )  # fmt: skip
 
 
@@ -113,11 +108,11 @@ def true_surface(scene: Scene, cells: CellMap, samples: int) -> tuple[Truth, Mas
 Pairs = list[tuple[CellMap, Truth, Mask]]
 
 
-def _both(surface: Pairs, ideal: Pairs) -> tuple[MapScore, MapScore]:
-    return score_maps(surface), score_maps(ideal)
+def _both(surface: Pairs, ideal: Pairs) -> Scores:
+    return Scores(surface=score_maps(surface), ideal=score_maps(ideal))
 
 
-def _score_hrms(parts: RunParts, scene: Scene, reference: Reference) -> tuple[MapScore, MapScore]:
+def _score_hrms(parts: RunParts, scene: Scene, reference: Reference) -> Scores:
     surface: Pairs = []
     ideal: Pairs = []
     for _, hrm in parts.hrms():
@@ -127,41 +122,39 @@ def _score_hrms(parts: RunParts, scene: Scene, reference: Reference) -> tuple[Ma
     return _both(surface, ideal)
 
 
-def _figures(
-    parts: RunParts, ledger: Ledger, promises: Checks, glrm: CellMap, reference: Reference, radio: list[RadioRow]
-) -> dict[str, Any]:
-    run, sim_s, wall_s = parts.run, parts.sim_time_s, float(parts.run["wall_time_s"])
+def _summary(
+    parts: RunParts, ledger: Ledger, promises: Checks, glrm: CellMap, reference: Reference, radio: list[RadioRow],
+    score: MapScores,
+) -> Summary:  # fmt: skip
+    run = parts.run
     told = [row for row in radio if row.robot in parts.staying or row.acked is not None]
-    return {
-        "scenario": parts.scenario.name,
-        "seed": run["seed"],
-        "robots": len(parts.robots),
-        "robots_gone": list(parts.gone),
-        "mode": run["mode"],
-        "runner": run.get("runner"),
-        "commit": run.get("commit"),
-        "complete": bool(run.get("complete")),
-        "deterministic": bool(run.get("deterministic")),
-        "sim_time_s": sim_s,
-        "wall_time_s": wall_s,
-        "rtf": sim_s / wall_s if wall_s > 0 else None,
-        "glrm_hash": None if ledger.glrm is None else map_hash(ledger.glrm).hex(),
-        "copies_hash_equal": promises.copies_equal.ok,
-        "glrm_is_own_fold": promises.is_own_fold.ok,
-        "coverage": coverage(glrm, reference.observable),
-        "observable_cells": int(reference.observable.sum()),
-        "mapping_time_s": {str(k): v for k, v in _mapping_times(parts, reference).items()},
-        "stages_ms": {row.stage: asdict(row.all) for row in table_2(parts)},
-        "bytes_up_per_robot_s": _mean([row.up_kbps for row in radio], 1000.0),
-        "bytes_down_per_robot_s": _mean([row.down_kbps for row in radio], 1000.0),
-        "cells_acked": _sum([row.acked for row in told]),
-        "cells_lost": _sum([row.lost for row in told]),
-        "missing_parts": list(parts.missing()),
-    }
-
-
-def _mapping_times(parts: RunParts, reference: Reference) -> dict[int, float | None]:
-    return mapping_times_s(first_confident_ns(parts), reference.observable)
+    return Summary(
+        scenario=parts.scenario.name,
+        seed=run.seed,
+        robots=len(parts.robots),
+        robots_gone=parts.gone,
+        mode=run.mode,
+        runner=run.runner,
+        commit=run.commit,
+        complete=run.complete,
+        deterministic=run.deterministic,
+        sim_time_s=run.sim_time_s,
+        wall_time_s=run.wall_time_s,
+        rtf=run.sim_time_s / run.wall_time_s if run.wall_time_s > 0 else None,
+        glrm_hash=None if ledger.glrm is None else map_hash(ledger.glrm).hex(),
+        copies_hash_equal=promises.copies_equal.ok,
+        glrm_is_own_fold=promises.is_own_fold.ok,
+        coverage=coverage(glrm, reference.observable),
+        observable_cells=int(reference.observable.sum()),
+        mapping_time_s=mapping_times_s(first_confident_ns(parts), reference.observable),
+        stages_ms={row.stage: row.all for row in table_2(parts)},
+        bytes_up_per_robot_s=_mean([row.up_kbps for row in radio], 1000.0),
+        bytes_down_per_robot_s=_mean([row.down_kbps for row in radio], 1000.0),
+        cells_acked=_sum([row.acked for row in told]),
+        cells_lost=_sum([row.lost for row in told]),
+        missing_parts=parts.missing(),
+        score=score,
+    )
 
 
 def first_confident_ns(parts: RunParts) -> I64:
@@ -170,7 +163,7 @@ def first_confident_ns(parts: RunParts) -> I64:
 
 
 def _radio(parts: RunParts, ledger: Ledger, ways: Mapping[str, Track], robot: str) -> RadioRow:
-    up, down, seconds = parts.bytes_up.get(robot), parts.bytes_down.get(robot), max(parts.sim_time_s, 1e-9)
+    up, down, seconds = parts.bytes_up.get(robot), parts.bytes_down.get(robot), max(parts.run.sim_time_s, 1e-9)
     track = ways.get(robot)
     copy = ledger.copies.get(robot)
     acked = len(ledger.acked[robot]) if robot in ledger.acked else None
@@ -196,43 +189,20 @@ def _sum(values: list[int | None]) -> int | None:
     return None if None in values else sum(v for v in values if v is not None)
 
 
-def _score_figures(pair: tuple[MapScore, MapScore]) -> dict[str, Any]:
-    return {truth: _flat(score) for truth, score in zip(("surface", "ideal"), pair, strict=True)}
-
-
-def _flat(score: MapScore) -> dict[str, Any]:
-    return {
-        **asdict(score.confident),
-        "occupation_iou": score.occupation_iou,
-        "open_ground": asdict(score.open_ground),
-        "buildings": asdict(score.buildings),
-        "by_confidence": [asdict(e) for e in score.by_confidence],
-    }
-
-
-def _json_ready(value: Any) -> Any:
-    """The same with None for NaN, which JSON does not know."""
-    if isinstance(value, dict):
-        return {k: _json_ready(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [_json_ready(v) for v in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def sentence(parts: RunParts, figures: Mapping[str, Any]) -> str:
+def sentence(parts: RunParts, summary: Summary) -> str:
     """The run in two sentences."""
     robots = len(parts.robots)
     who = "One robot" if robots == 1 else f"{NUMBERS.get(robots, str(robots))} robots"
-    minutes, seconds = divmod(round(parts.sim_time_s), 60)
-    share = figures["coverage"]
-    covered = "an unknown share" if math.isnan(share) else f"{100 * share:.1f} %"
+    minutes, seconds = divmod(round(parts.run.sim_time_s), 60)
+    share = summary.coverage
+    covered = "an unknown share" if share is None else f"{100 * share:.1f} %"
     first = f"{who} mapped {covered} of what the patrol can see in {minutes} min {seconds:02d} s of simulation."
     same = {
         True: f"Every robot{' that stayed' * bool(parts.gone)} ended with the same map, bit for bit.",
         False: "The robots' copies of the map differ.",
         None: "",
     }
-    return f"{first} {same[figures['copies_hash_equal']]}".strip()
+    return f"{first} {same[summary.copies_hash_equal]}".strip()
 
 
 def glrm_errors(verdict: Verdict) -> tuple[Layer, Layer]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -12,6 +11,7 @@ from orograph import keys
 from orograph.arrays import I64
 from orograph.stages import STAGES
 from orograph.storage.parts import RunParts
+from orograph.storage.results import Spread
 
 PAPER_ROBOTS = ("robot_001", "robot_002", "robot_003")
 PAPER_TABLE_2_MS: Mapping[str, tuple[int, int, int]] = {
@@ -29,20 +29,12 @@ PAPER_TABLE_3_S: Mapping[int, int] = {1: 445, 2: 310, 3: 190}
 """Robots -> mapping time [s of simulation]."""
 
 
-@dataclass(frozen=True)
-class Spread:
-    """Median and 95 % quantile of durations [ms]; NaN where there were none."""
-
-    p50: float
-    p95: float
-
-    @classmethod
-    def of(cls, durations_ns: I64) -> Spread:
-        """Spread of durations (n,) [ns]."""
-        if not durations_ns.size:
-            return cls(math.nan, math.nan)
-        p50, p95 = np.quantile(durations_ns, [0.5, 0.95]) / 1e6
-        return cls(float(p50), float(p95))
+def spread(durations_ns: I64) -> Spread:
+    """Of durations (n,) [ns]; None where there were none."""
+    if not durations_ns.size:
+        return Spread(p50=None, p95=None)
+    p50, p95 = np.quantile(durations_ns, [0.5, 0.95]) / 1e6
+    return Spread(p50=float(p50), p95=float(p95))
 
 
 @dataclass(frozen=True)
@@ -68,8 +60,8 @@ def _row(parts: RunParts, stage: str) -> Table2Row:
     }
     manager = _durations(parts, keys.node(keys.MANAGER), stage)
     pooled = np.concatenate([manager, *per_robot.values()])
-    spreads = {robot: Spread.of(durations) for robot, durations in per_robot.items()}
-    return Table2Row(stage, STAGES[stage], PAPER_TABLE_2_MS[stage], spreads, Spread.of(pooled))
+    spreads = {robot: spread(durations) for robot, durations in per_robot.items()}
+    return Table2Row(stage, STAGES[stage], PAPER_TABLE_2_MS[stage], spreads, spread(pooled))
 
 
 def _durations(parts: RunParts, node: str, stage: str) -> I64:

@@ -12,9 +12,8 @@ from orograph.launch.lifecycle import finish, prepare_out
 from orograph.runtime.briefing import Briefing, running
 from orograph.runtime.watchdog import Watchdog
 from orograph.scenario import Scenario
+from orograph.storage.run_folder import LATEST, REPORT, SCENARIO, SCHEMA, WORLD, next_folder, write_whole
 
-SCHEMA, LATEST = "schema", "latest"
-"""Files beside the run folders: the layout's version, and the name of the newest run."""
 SCHEMA_VERSION = "1"
 LEARN_S = 1.0
 """An orchestrator that starts in the middle of a run hears of it from the world within this time."""
@@ -45,24 +44,22 @@ class ClusterRun:
         return self._briefing
 
     def _new(self) -> Briefing:
-        names = (f"{self._scenario.name}-{i:03d}" for i in range(1, 10_000))
-        name = next(name for name in names if not (self._run_dir / name).exists())
-        prepare_out(self._run_dir / name, self._scenario)
-        (self._run_dir / LATEST).write_text(name + "\n")
-        return Briefing(self._scenario, self._run_dir, name)
+        out = prepare_out(next_folder(self._run_dir, self._scenario.name), self._scenario)
+        write_whole(self._run_dir / LATEST, out.name + "\n")
+        return Briefing(self._scenario, self._run_dir, out.name)
 
     def report(self, watchdog: Watchdog) -> None:
         """Wait for what the world leaves and compose the finished run folder, unless told to stop."""
         if self._briefing is None or watchdog.stop.is_set():
             return
         watchdog.busy()
-        result, deadline_s = self._briefing.folder / "parts" / "world.json", time.monotonic() + RESULT_S
+        result, deadline_s = self._briefing.folder / WORLD, time.monotonic() + RESULT_S
         while not result.exists() and time.monotonic() < deadline_s and not watchdog.stop.is_set():
             watchdog.stop.wait(POLL_S)
-        begin_s = (self._briefing.folder / "parts" / "scenario.json").stat().st_mtime
+        begin_s = (self._briefing.folder / SCENARIO).stat().st_mtime
         try:
             finish(self._briefing.scenario, self._briefing.folder, "containers", begin_s)
-            log.info("report: %s", self._briefing.folder / "report.html")
+            log.info("report: %s", self._briefing.folder / REPORT)
         except RunError as error:  # started again, this process would begin another run
             log.error("%s", error)
 
@@ -73,7 +70,7 @@ def _check_schema(run_dir: Path) -> None:
     try:
         found = mark.read_text().strip() if mark.exists() else "none" if any(run_dir.iterdir()) else SCHEMA_VERSION
         if found == SCHEMA_VERSION:
-            mark.write_text(SCHEMA_VERSION + "\n")
+            write_whole(mark, SCHEMA_VERSION + "\n")
     except OSError as error:
         raise InputError(f"{run_dir}: cannot be used for runs ({error.strerror})") from None
     if found != SCHEMA_VERSION:

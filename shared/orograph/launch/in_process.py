@@ -22,6 +22,8 @@ from orograph.runtime.rounds import Rounds
 from orograph.scenario import Scenario
 from orograph.stages import StageRecorder
 from orograph.storage.recording import Recording
+from orograph.storage.results import WorldResult
+from orograph.storage.run_folder import STORE
 from orograph.storage.sqlite_store import SqliteStore
 
 SHOW_EVERY_S = 0.3
@@ -62,7 +64,7 @@ def run_in_process(scenario: Scenario, out: Path, on_progress: OnProgress) -> No
 
 def _run(scenario: Scenario, out: Path, recording: Recording, on_progress: OnProgress) -> None:
     stages: dict[str, StageRecorder] = {}
-    store = SqliteStore(out / "map.sqlite", scenario.grid.grid.shape)
+    store = SqliteStore(out / STORE, scenario.grid.grid.shape)
     rounds = build_rounds(scenario, store, recording, stages)
     begin_s = shown_s = time.monotonic()
     world = next(n for n in rounds.nodes if isinstance(n, WorldNode))
@@ -76,8 +78,6 @@ def _run(scenario: Scenario, out: Path, recording: Recording, on_progress: OnPro
         recording.save(node)
     for name, recorder in stages.items():
         recording.save_stages(name, recorder)
-    recording.save_json("bytes-in-process", {"up": dict(network.bytes_up), "down": dict(network.bytes_down)})
-    recording.save_json("world", {
-        "sim_time_s": rounds.stamp_ns * 1e-9, "wall_time_s": time.monotonic() - begin_s,
-        "complete": world.ended.complete, "copies_equal": world.ended.copies_equal, "deterministic": True,
-    })  # fmt: skip
+    recording.save_bytes(network.bytes_up, network.bytes_down)
+    wall_time_s = time.monotonic() - begin_s
+    recording.save_result(WorldResult.of(rounds.stamp_ns, wall_time_s, world.ended, deterministic=True))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import time
@@ -12,8 +11,11 @@ from typing import Literal
 from pydantic import ValidationError
 
 from orograph.errors import InputError, RunError
+from orograph.launch.machine import this_machine
 from orograph.launch.progress import OnProgress, unseen
 from orograph.scenario import Scenario
+from orograph.storage.results import RunInfo, WorldResult
+from orograph.storage.run_folder import LOGS, SCENARIO, WORLD, new_folder, write_whole
 
 
 def resolve(scenario: Scenario, robots: int | None, seed: int | None, time_scale: str | None) -> Scenario:
@@ -68,13 +70,9 @@ def default_capacity(scenario: Scenario) -> int:
 
 def prepare_out(out: Path | None, scenario: Scenario) -> Path:
     """A new or empty run folder that says what is to run; raises InputError where it can't be had."""
-    if out is None:
-        out = next(p for i in range(1, 10_000) if not (p := Path("runs") / f"{scenario.name}-{i:03d}").exists())
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(f"--out {out}: not an empty folder; name a new one or remove it")
+    out = new_folder(out, scenario.name)
     try:
-        (out / "parts").mkdir(parents=True)
-        (out / "parts" / "scenario.json").write_text(scenario.model_dump_json())
+        write_whole(out / SCENARIO, scenario.model_dump_json())
     except OSError as error:
         raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None
     return out
@@ -84,15 +82,9 @@ def finish(scenario: Scenario, out: Path, runner: str, begin_s: float) -> None:
     """Compose the finished run folder from what the services left; raises RunError where they left nothing."""
     from orograph.report.folder import compose  # heavy: only once there is something to compose
 
-    world_json = out / "parts" / "world.json"
-    if not world_json.exists():
-        raise RunError(f"the world left no result; logs are in {out / 'logs'}")
-    run_json = {
-        "seed": scenario.seed, "robots": scenario.robots, "runner": runner, "commit": commit(),
-        "mode": "lockstep" if scenario.time_scale == "max" else "paced", "started_unix_s": begin_s,
-        **json.loads(world_json.read_text()),
-    }  # fmt: skip
-    (out / "parts" / "run.json").write_text(json.dumps(run_json))
+    if not (out / WORLD).exists():
+        raise RunError(f"the world left no result; logs are in {out / LOGS}")
+    RunInfo.ran(WorldResult.read(out), scenario, runner, commit(), this_machine(), begin_s).write(out)
     compose(out)
 
 

@@ -17,6 +17,7 @@ from orograph.launch.progress import Figures, OnProgress
 from orograph.launch.supervisor import Supervisor
 from orograph.runtime.settings import Settings
 from orograph.scenario import Scenario
+from orograph.storage.run_folder import LOGS, SCENARIO, WORLD
 
 POLL_S = 0.1
 
@@ -39,14 +40,12 @@ def run_processes(
     """Run the mission whose resolved scenario is in out/parts to its end; raises RunError when it can't be."""
     sim, radio = (f"tcp/127.0.0.1:{free_port(p)}" for p in ports)
     settings = Settings(sim, radio, out.resolve(), capacity)
-    with Supervisor(settings.environment, out / "logs") as supervisor:
+    with Supervisor(settings.environment, out / LOGS) as supervisor:
         supervisor.start("router-sim", "services.router", "--listen", sim)
         supervisor.start("router-radio", "services.router", "--listen", radio)
         supervisor.start(keys.WORLD, "services.world", essential=True)
         supervisor.start(keys.MANAGER, "services.map_manager")
-        supervisor.start(
-            keys.ORCHESTRATOR, "services.orchestrator", "--run", ".", "--scenario", str(out / "parts" / "scenario.json")
-        )
+        supervisor.start(keys.ORCHESTRATOR, "services.orchestrator", "--run", ".", "--scenario", str(out / SCENARIO))
         for service in keys.ROBOT_SERVICES:
             for i in range(-(-len(scenario.robot_ids) // capacity)):
                 supervisor.start(f"{service}-{i + 1}", f"services.{service.replace('-', '_')}")
@@ -67,8 +66,8 @@ def _follow(supervisor: Supervisor, sim: str, out: Path, on_progress: OnProgress
     finally:
         stop.set()
         listener.join(5)
-    if not (out / "parts" / "world.json").exists():
-        raise RunError(f"the services ended without a result; their logs are in {out / 'logs'}")
+    if not (out / WORLD).exists():
+        raise RunError(f"the services ended without a result; their logs are in {out / LOGS}")
 
 
 def _listen(sim: str, figures: Figures, stop: threading.Event) -> None:

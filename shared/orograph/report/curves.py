@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from orograph.arrays import F64
-from orograph.judge.score import CONFIDENCE_BINS, SHARES, MapScore
+from orograph.judge.score import CONFIDENCE_BINS, SHARES
 from orograph.report import palette
 from orograph.report.palette import Picture
+from orograph.storage.results import Scores
 
 Series = Mapping[str, tuple[F64, F64]]
 """Robot -> (time [s], value)."""
@@ -78,7 +79,7 @@ def _backlog(axes: Axes, i: int, series: tuple[F64, F64] | None, silent: Silence
         axes.step(*series, color=colour, lw=1.3, where="post")
 
 
-def error_by_confidence(scores: Mapping[str, tuple[MapScore, MapScore]]) -> Picture:
+def error_by_confidence(scores: Mapping[str, Scores]) -> Picture:
     """Height RMSE in each confidence bin, per map ('GLRM', 'HRM'), against both truths."""
 
     def draw(figure: Figure) -> None:
@@ -99,11 +100,12 @@ def error_by_confidence(scores: Mapping[str, tuple[MapScore, MapScore]]) -> Pict
     )
 
 
-def _bin_bars(axes: Axes, pair: tuple[MapScore, MapScore]) -> None:
+def _bin_bars(axes: Axes, scores: Scores) -> None:
     labels = [f"{low}–{high - 1}" for low, high in CONFIDENCE_BINS]
     names = ("true surface", "same rules, ideal scans")
+    pair = (scores.surface, scores.ideal)
     for i, (score, name, colour) in enumerate(zip(pair, names, palette.ROBOT_COLOURS, strict=False)):
-        heights = [0.0 if not e.cells else e.rmse_m for e in score.by_confidence]
+        heights = [e.rmse_m or 0.0 for e in score.by_confidence]
         bars = axes.bar(np.arange(len(labels)) + (i - 0.5) * 0.36, heights, 0.33, color=colour, label=name)
         counts = [f"{e.cells:,}" if e.cells else "none" for e in score.by_confidence]
         axes.bar_label(bars, counts, fontsize=7, color=palette.QUIET, padding=2)

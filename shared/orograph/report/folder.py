@@ -1,7 +1,4 @@
-"""Composes the finished run folder from what the services left in OUT/parts, summary.json last.
-
-Every file is written under a temporary name and renamed, so nothing half written bears a finished file's name.
-"""
+"""Composes the finished run folder from what the services left in OUT/parts, summary.json last."""
 
 from __future__ import annotations
 
@@ -10,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from orograph.judge import reference, summary
 from orograph.layers import CellMap
 from orograph.report import page
-from orograph.storage.cache import cache_folder
-from orograph.storage.parts import EVENTS, GLRM, REPORT, SUMMARY, read_parts
+from orograph.storage.parts import read_parts
+from orograph.storage.run_folder import EVENTS, GLRM, REPORT, SUMMARY, cache_folder, hrm_file, write_arrays, write_whole
 
 
 def compose(out: Path, cache: Path | None = None) -> Path:
@@ -26,24 +24,15 @@ def compose(out: Path, cache: Path | None = None) -> Path:
     (out / SUMMARY).unlink(missing_ok=True)
     parts = read_parts(out)
     verdict = summary.judge(parts, reference.cached(parts.scenario, cache or cache_folder()))
-    _write(out / EVENTS, "".join(json.dumps(e, sort_keys=True) + "\n" for e in parts.events).encode())
-    _write_map(out / GLRM, verdict.glrm)
+    write_whole(out / EVENTS, "".join(json.dumps(e, sort_keys=True) + "\n" for e in parts.events))
+    write_arrays(out / GLRM, _arrays(verdict.glrm))
     for robot, hrm in parts.hrms():
-        _write_map(out / f"hrm_{robot}.npz", hrm)
-    _write(out / REPORT, page.render(parts, verdict).encode())
-    _write(out / SUMMARY, (json.dumps(verdict.summary, indent=2) + "\n").encode())
+        write_arrays(out / hrm_file(robot), _arrays(hrm))
+    write_whole(out / REPORT, page.render(parts, verdict))
+    verdict.summary.write(out)
     return out / SUMMARY
 
 
-def _write(path: Path, content: bytes) -> None:
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_bytes(content)
-    temporary.replace(path)
-
-
-def _write_map(path: Path, cells: CellMap) -> None:
-    temporary = path.with_name(f".{path.name}.part")
-    arrays: dict[str, Any] = dict(cells.layers())
-    with temporary.open("wb") as stream:
-        np.savez_compressed(stream, origin_m=np.array(cells.grid.origin_m), cell_m=cells.grid.cell_m, **arrays)
-    temporary.replace(path)
+def _arrays(cells: CellMap) -> dict[str, npt.NDArray[Any]]:
+    """A map's layers, with where it lies."""
+    return {"origin_m": np.array(cells.grid.origin_m), "cell_m": np.array(cells.grid.cell_m), **dict(cells.layers())}

@@ -52,7 +52,7 @@ def gallery(parts: RunParts, verdict: Verdict) -> Gallery:
     extent = maps.shown_extent(verdict.glrm.grid, verdict.glrm.confidence >= CONFIDENT)
     initial_glrm, final_glrm = _glrm_surfaces(verdict)
     initial_hrm, final_hrm = _hrm_surfaces(parts)
-    scores = {"Global map": verdict.glrm_score, "Local maps": verdict.hrm_score}
+    scores = {"Global map": verdict.summary.score.glrm, "Local maps": verdict.summary.score.hrm}
     return Gallery(
         paths=_paths(parts, verdict, extent),
         coverage=_coverage(parts, verdict),
@@ -85,12 +85,17 @@ def _coverage(parts: RunParts, verdict: Verdict) -> Picture | None:
         return None
     reached = np.sort(first.reshape(-1)[verdict.reference.observable.reshape(-1)])
     reached = reached[reached >= 0] / 1e9
-    time_s = np.concatenate([[0.0], reached, [max(parts.sim_time_s, reached.max(initial=0.0))]])
+    time_s = np.concatenate([[0.0], reached, [max(parts.run.sim_time_s, reached.max(initial=0.0))]])
     share = np.concatenate([[0.0], np.arange(1, reached.size + 1), [reached.size]]) / verdict.observable_cells
-    times = {int(k): v for k, v in verdict.summary["mapping_time_s"].items()}
     silent = {robot: track.silences_s() for robot, track in verdict.tracks.items()}
     return curves.coverage(
-        time_s, share, times, silent, _backlog(parts), parts.sim_time_s, parts.phase_began_s("flush")
+        time_s,
+        share,
+        verdict.summary.mapping_time_s,
+        silent,
+        _backlog(parts),
+        parts.run.sim_time_s,
+        parts.phase_began_s("flush"),
     )
 
 
@@ -108,7 +113,7 @@ def _timeline(parts: RunParts) -> Picture | None:
     if not events:
         return None
     lanes = sorted({curves.lane_of(e) for e in events}, key=lambda lane: (lane.startswith("robot_"), lane))
-    return curves.timeline(events, lanes, max(parts.sim_time_s, 1.0))
+    return curves.timeline(events, lanes, max(parts.run.sim_time_s, 1.0))
 
 
 def _glrm_surfaces(verdict: Verdict) -> tuple[Picture, Picture]:
@@ -187,4 +192,4 @@ def _last_points(scenario: Scenario, laser: Any) -> F64:
 
 def _pose(parts: RunParts, verdict: Verdict) -> Picture | None:
     errors = {robot: track.pose_error_m for robot, track in verdict.tracks.items() if len(track.pose_error_m[0])}
-    return curves.pose_errors(errors, parts.sim_time_s) if errors else None
+    return curves.pose_errors(errors, parts.run.sim_time_s) if errors else None

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from matplotlib.figure import Figure
 
 from orograph.judge.timing import PAPER_TABLE_3_S
 from orograph.report import palette
 from orograph.report.palette import Picture
+from orograph.storage.results import Summary
 
 
 @dataclass(frozen=True)
@@ -34,19 +34,17 @@ class StudyRow:
     """Folder of the run, beside study.json."""
 
 
-def study_rows(
-    summaries: Sequence[tuple[str, Mapping[str, Any]]], times_s: Mapping[int, float | None]
-) -> list[StudyRow]:
+def study_rows(summaries: Sequence[tuple[str, Summary]], times_s: Mapping[int, float | None]) -> list[StudyRow]:
     """Rows in order of robots from pairs (run folder, summary) and the mapping time of each number of robots.
 
     Speed-ups are against one robot, None without it.
     """
-    ordered = sorted(summaries, key=lambda pair: int(pair[1]["robots"]))
+    ordered = sorted(summaries, key=lambda pair: pair[1].robots)
     return [_row(folder, summary, times_s) for folder, summary in ordered]
 
 
-def _row(folder: str, summary: Mapping[str, Any], times_s: Mapping[int, float | None]) -> StudyRow:
-    robots, alone_s = int(summary["robots"]), times_s.get(1)
+def _row(folder: str, summary: Summary, times_s: Mapping[int, float | None]) -> StudyRow:
+    robots, alone_s = summary.robots, times_s.get(1)
     mapping_s = times_s[robots]
     paper_s = PAPER_TABLE_3_S.get(robots)
     return StudyRow(
@@ -55,12 +53,12 @@ def _row(folder: str, summary: Mapping[str, Any], times_s: Mapping[int, float | 
         paper_speed_up=None if paper_s is None else PAPER_TABLE_3_S[1] / paper_s,
         mapping_s=mapping_s,
         speed_up=alone_s / mapping_s if alone_s and mapping_s else None,
-        coverage=summary["coverage"],
-        sim_time_s=float(summary["sim_time_s"]),
-        rtf=summary["rtf"],
-        height_rmse_m=summary["score"]["glrm"]["ideal"]["rmse_m"],
-        copies_hash_equal=summary["copies_hash_equal"],
-        cells_lost=summary["cells_lost"],
+        coverage=summary.coverage,
+        sim_time_s=summary.sim_time_s,
+        rtf=summary.rtf,
+        height_rmse_m=summary.score.glrm.ideal.rmse_m,
+        copies_hash_equal=summary.copies_hash_equal,
+        cells_lost=summary.cells_lost,
         run=folder,
     )
 

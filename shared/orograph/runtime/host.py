@@ -83,20 +83,20 @@ class NodeHost:
             figures = {**telemetry, **self._counts(), **memory}
             self._bus.show(name, wire.pack_plain({k: float(v) for k, v in figures.items()}))
 
-    def save(self, process: str, stages: Mapping[str, StageRecorder]) -> None:
+    def save(self, stages: Mapping[str, StageRecorder]) -> None:
         """Leave everything in the run folder."""
         for node in self.nodes:
             self._recording.save(node)
         for name, recorder in stages.items():
             self._recording.save_stages(name, recorder)
-        self._recording.save_json(f"bytes-{process}", self._bytes_by_robot())
+        self._recording.save_bytes(*self._bytes_by_robot())
         figures = {"nodes": [n.name for n in self.nodes], "rss_max_bytes": rss_max_bytes(), **self._counts()}
-        self._recording.save_json(f"process-{process}", figures)
+        self._recording.save_figures(figures)
 
     def _counts(self) -> dict[str, int]:
         return {**self._mailbox.counts, **self._bus.callbacks.figures()}
 
-    def _bytes_by_robot(self) -> dict[str, dict[str, int]]:
+    def _bytes_by_robot(self) -> tuple[dict[str, int], dict[str, int]]:
         """Radio bytes by robot, up as sent and down as received by that robot's services in this process."""
         up: dict[str, int] = {}
         down: dict[str, int] = {}
@@ -107,7 +107,7 @@ class NodeHost:
             if plane == keys.RADIO:
                 for robot in self._robots_at(to):
                     down[robot] = down.get(robot, 0) + n
-        return {"up": up, "down": down}
+        return up, down
 
     def _robots_at(self, to: str) -> list[str]:
         service, robot = keys.split(to)

@@ -165,13 +165,12 @@ def _follow(
     service: str, instance: str, briefing: Briefing, bus: Bus, watchdog: Watchdog, ticks: Ticks, built: Built
 ) -> bool:  # fmt: skip
     nodes, stages = built
-    process = f"{service}-{instance[:8]}"
-    with Recording(briefing.folder, process) as recording:
+    with Recording(briefing.folder, f"{service}-{instance[:8]}") as recording:
         host = NodeHost(bus, nodes, briefing.scenario, recording)
         metrics.FIGURES.time_stages(stages.values())
         log.info("ready: %s", ", ".join(n.name for n in host.nodes))
         participant = Participant(bus, host, instance, briefing.scenario, watchdog, ticks)
         participant.run()
         watchdog.busy()
-        host.save(process, stages)
+        host.save(stages)
     return participant.released

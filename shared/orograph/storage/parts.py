@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,9 +17,9 @@ from orograph.arrays import I64
 from orograph.grid import Grid
 from orograph.layers import MAPPED_LAYERS, CellMap, Layer
 from orograph.scenario import Scenario
+from orograph.storage import run_folder
+from orograph.storage.results import RunInfo
 
-PARTS, SUMMARY, REPORT, EVENTS, GLRM = "parts", "summary.json", "report.html", "events.jsonl", "glrm.npz"
-NODE_FILE = re.compile(r"(?P<service>[a-z-]+?)(?:-(?P<robot>robot_[0-9]{3}))?")
 Arrays = Mapping[str, npt.NDArray[Any]]
 EMPTY: Arrays = {}
 
@@ -29,8 +29,7 @@ class RunParts:
     """One run: its scenario, what the runner says of it, each node's artifacts, timings, radio bytes and events."""
 
     scenario: Scenario
-    run: Mapping[str, Any]
-    """seed, robots, mode, runner, commit, sim_time_s, wall_time_s, complete, copies_equal, deterministic."""
+    run: RunInfo
     nodes: Mapping[str, Arrays]
     """Node name (`laser/robot_001`) -> artifacts."""
     stages_ns: Mapping[str, Mapping[str, I64]] = field(default_factory=dict)
@@ -44,7 +43,7 @@ class RunParts:
     @property
     def robots(self) -> tuple[str, ...]:
         """Ids of the run's robots."""
-        return tuple(keys.robot_id(i + 1) for i in range(int(self.run["robots"])))
+        return tuple(keys.robot_id(i + 1) for i in range(self.run.robots))
 
     @property
     def gone(self) -> tuple[str, ...]:
@@ -60,11 +59,6 @@ class RunParts:
     def glrm_grid(self) -> Grid:
         """The scenario's GLRM grid."""
         return self.scenario.grid.grid
-
-    @property
-    def sim_time_s(self) -> float:
-        """Length of the run in simulation time."""
-        return float(self.run["sim_time_s"])
 
     def phase_began_s(self, name: str) -> float | None:
         """Simulation time at which a phase of the run began, None if it never did."""
@@ -117,68 +111,46 @@ class RunParts:
         return Grid((x0, y0), float(arrays["hrm_cell_m"]), (int(height.shape[0]), int(height.shape[1]))), height
 
 
-class FolderError(ValueError):
-    """A folder that holds no run; the message says what is missing."""
-
-
 def read_parts(out: Path) -> RunParts:
-    """What a run left in `out`/parts; raises FolderError when the run or its scenario cannot be read."""
-    parts = out / PARTS
-    up, down = _bytes(parts)
+    """What a run left in its folder; raises FolderError when the run or its scenario cannot be read."""
+    up, down = _bytes(out)
     return RunParts(
-        scenario=Scenario.model_validate_json(_text(parts / "scenario.json")),
-        run=json.loads(_text(parts / "run.json")),
-        nodes=dict(_node_arrays(parts)),
-        stages_ns=dict(_stages(parts)),
+        scenario=Scenario.model_validate_json(run_folder.read_text(out, run_folder.SCENARIO)),
+        run=RunInfo.read(out),
+        nodes=dict(_node_arrays(out)),
+        stages_ns=dict(_stages(out)),
         bytes_up=up,
         bytes_down=down,
-        events=_events(parts / "events"),
+        events=_events(out),
     )
 
 
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise FolderError(
-            f"{path} cannot be read ({error.strerror}): is {path.parent.parent} the folder of a run?"
-        ) from error
-
-
-def _node_name(stem: str) -> str | None:
-    found = NODE_FILE.fullmatch(stem)
-    if found is None or found["service"] not in keys.SERVICES:
-        return None
-    return keys.node(found["service"], found["robot"])
-
-
-def _node_arrays(parts: Path) -> Iterator[tuple[str, Arrays]]:
-    for path in sorted(parts.glob("*.npz")):
-        name = _node_name(path.stem)
+def _node_arrays(out: Path) -> Iterator[tuple[str, Arrays]]:
+    for path in sorted(out.glob(run_folder.node_file("*"))):
+        name = run_folder.node_of(path)
         if name is not None:
             with np.load(path, allow_pickle=False) as arrays:
                 yield name, {key: arrays[key] for key in arrays.files}
 
 
-def _stages(parts: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-    for path in sorted(parts.glob("stages-*.json")):
-        name = _node_name(path.stem.removeprefix("stages-").rstrip("-"))
+def _stages(out: Path) -> Iterator[tuple[str, dict[str, I64]]]:
+    for path in sorted(out.glob(run_folder.stages_file("*"))):
+        name = run_folder.node_of(path)
         if name is not None:
-            yield name, {s: np.array(ns, np.int64) for s, ns in json.loads(_text(path)).items()}
+            yield name, {s: np.array(ns, np.int64) for s, ns in json.loads(path.read_text()).items()}
 
 
-def _bytes(parts: Path) -> tuple[dict[str, int], dict[str, int]]:
-    total: dict[str, dict[str, int]] = {"up": {}, "down": {}}
-    for path in sorted(parts.glob("bytes-*.json")):
-        counted: Mapping[str, Mapping[str, int]] = json.loads(_text(path))
+def _bytes(out: Path) -> tuple[dict[str, int], dict[str, int]]:
+    total: dict[str, Counter[str]] = {"up": Counter(), "down": Counter()}
+    for path in sorted(out.glob(run_folder.bytes_file("*"))):
+        counted: Mapping[str, Mapping[str, int]] = json.loads(path.read_text())
         for way, sums in total.items():
-            for robot, n in counted.get(way, {}).items():
-                sums[robot] = sums.get(robot, 0) + int(n)
-    return total["up"], total["down"]
+            sums.update(counted.get(way, {}))
+    return dict(total["up"]), dict(total["down"])
 
 
-def _events(folder: Path) -> tuple[Mapping[str, Any], ...]:
-    lines = [line for path in sorted(folder.glob("*.jsonl")) for line in _text(path).splitlines()]
+def _events(out: Path) -> tuple[Mapping[str, Any], ...]:
+    lines = [line for path in sorted(out.glob(run_folder.events_file("*"))) for line in path.read_text().splitlines()]
     return tuple(sorted((e for e in map(_event, lines) if e is not None), key=lambda e: int(e.get("stamp_ns", 0))))
 
 

@@ -10,20 +10,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from orograph.keys import split
 from orograph.node import Node
 from orograph.stages import StageRecorder
+from orograph.storage import run_folder
+from orograph.storage.results import WorldResult
 
 log = logging.getLogger("orograph.recording")
-
-
-def _write_whole(path: Path, content: bytes) -> None:
-    """Under its final name a file is complete: written beside it, then renamed."""
-    part = path.with_name(f".{path.name}.part")
-    part.write_bytes(content)
-    part.replace(path)
 
 
 class Recording:
@@ -33,9 +26,10 @@ class Recording:
     """
 
     def __init__(self, run_dir: Path, process: str) -> None:
-        self._parts = run_dir / "parts"
-        (self._parts / "events").mkdir(parents=True, exist_ok=True)
-        self._events = (self._parts / "events" / f"{process}.jsonl").open("ab", buffering=0)
+        self._out, self._process = run_dir, process
+        events = run_dir / run_folder.events_file(process)
+        events.parent.mkdir(parents=True, exist_ok=True)
+        self._events = events.open("ab", buffering=0)
         self._cut_short = False
         self.dropped = 0
 
@@ -56,20 +50,27 @@ class Recording:
             log.warning("no room for events, %d dropped: %s", self.dropped, line.decode().strip())
 
     def save(self, node: Node) -> None:
-        """Write a node's artifacts as parts/<service>[-robot].npz."""
-        path = self._parts / f"{node.name.replace('/', '-')}.npz"
-        part = path.with_name(f".{path.name}.part")
-        with part.open("wb") as file:
-            np.savez_compressed(file, **dict(node.artifacts()))  # type: ignore[arg-type]
-        part.replace(path)
+        """Write a node's artifacts."""
+        run_folder.write_arrays(self._out / run_folder.node_file(node.name), node.artifacts())
 
     def save_stages(self, node_name: str, stages: StageRecorder) -> None:
-        """Write a node's stage durations as parts/stages-<service>[-robot].json."""
-        self.save_json(f"stages-{node_name.replace('/', '-')}", dict(stages.durations_ns))
+        """Write a node's stage durations."""
+        self._save_json(run_folder.stages_file(node_name), stages.durations_ns)
 
-    def save_json(self, name: str, value: Any) -> None:
-        """Write parts/<name>.json."""
-        _write_whole(self._parts / f"{name}.json", json.dumps(value).encode())
+    def save_bytes(self, up: Mapping[str, int], down: Mapping[str, int]) -> None:
+        """Write what this process counted on the radio plane, robot -> bytes it sent and received."""
+        self._save_json(run_folder.bytes_file(self._process), {"up": dict(up), "down": dict(down)})
+
+    def save_figures(self, figures: Mapping[str, Any]) -> None:
+        """Write this process's own figures."""
+        self._save_json(run_folder.process_file(self._process), figures)
+
+    def save_result(self, result: WorldResult) -> None:
+        """Write how the run ended: the world's last word."""
+        result.write(self._out)
+
+    def _save_json(self, file: str, value: Mapping[str, Any]) -> None:
+        run_folder.write_whole(self._out / file, json.dumps(dict(value)))
 
     def __enter__(self) -> Recording:
         return self

@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from made_up.run import made_up_summary
 from orograph.cli import study
 from orograph.errors import InputError
 from orograph.scenario import Scenario
+from orograph.storage.run_folder import STUDY, STUDY_PAGE
 
 
 @pytest.fixture
@@ -24,12 +26,7 @@ def scenario() -> Scenario:
 
 def fake_run(scenario: Scenario, out: Path, **_: Any) -> Path:
     out.mkdir()
-    figures = {
-        "robots": scenario.robots, "coverage": 1.0,
-        "sim_time_s": 460.0, "rtf": 8.0, "score": {"glrm": {"ideal": {"rmse_m": 0.1}}}, "copies_hash_equal": True,
-        "cells_lost": 0,
-    }  # fmt: skip
-    (out / "summary.json").write_text(json.dumps(figures))
+    made_up_summary(scenario.robots).write(out)
     return out
 
 
@@ -47,9 +44,9 @@ def test_each_number_is_run_once_and_told_beside_the_paper(
     monkeypatch.setattr("orograph.judge.same_cells.same_cells_times_s", lambda folders: {1: 450.0, 3: 150.0})
     args = arguments("field", "--robots", "3,1,3", "--out", str(tmp_path / "new"))
     assert args.main(args) == 0
-    rows = json.loads((tmp_path / "new" / "study.json").read_text())["rows"]
+    rows = json.loads((tmp_path / "new" / STUDY).read_text())["rows"]
     assert [(r["robots"], r["speed_up"], r["paper_s"]) for r in rows] == [(1, 1.0, 445), (3, 3.0, 190)]
-    assert "3.00" in (tmp_path / "new" / "study.html").read_text()
+    assert "3.00" in (tmp_path / "new" / STUDY_PAGE).read_text()
     printed = capsys.readouterr().out
     assert "150.0" in printed
     assert "2.34" in printed

@@ -90,9 +90,9 @@ def test_what_is_missing_is_neither_kept_nor_broken(without: Callable[..., RunPa
 
 
 def test_an_unfinished_run_says_so(city_run: RunParts) -> None:
-    bad = replace(city_run, run={**city_run.run, "complete": False, "deterministic": False})
+    bad = replace(city_run, run=city_run.run.model_copy(update={"complete": False, "deterministic": False}))
     found = checks(bad, read_ledger(bad))
     assert [c.ok for c in found[:2]] == [False, False]
     assert "Time was up" in found[0].found and "A worker died" in found[1].found
-    paced = replace(bad, run={**bad.run, "mode": "paced"})
+    paced = replace(bad, run=bad.run.model_copy(update={"mode": "paced"}))
     assert "Paced time" in checks(paced, read_ledger(paced))[1].found

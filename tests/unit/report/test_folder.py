@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from html.parser import HTMLParser
@@ -15,13 +14,10 @@ from orograph.layers import LAYERS
 from orograph.report import folder
 from orograph.report.folder import compose
 from orograph.stages import STAGES
-from orograph.storage.parts import FolderError, RunParts, read_parts
+from orograph.storage.parts import RunParts, read_parts
+from orograph.storage.results import Summary
+from orograph.storage.run_folder import EVENTS, GLRM, PARTS, REPORT, SUMMARY, FolderError, events_file, hrm_file
 
-KEYS = {
-    "scenario", "seed", "robots", "mode", "commit", "sim_time_s", "wall_time_s", "rtf", "glrm_hash", "complete",
-    "copies_hash_equal", "mapping_time_s", "stages_ms", "score", "bytes_up_per_robot_s", "bytes_down_per_robot_s",
-    "cells_acked", "cells_lost", "deterministic",
-}  # fmt: skip
 MAX_REPORT_BYTES = 6_000_000
 
 
@@ -70,34 +66,25 @@ def test_parts_survive_the_way_through_the_folder(city_run: RunParts, finished: 
 
 def test_the_finished_folder_has_everything(finished: Path) -> None:
     names = {p.name for p in finished.iterdir()}
-    assert names == {
-        "parts",
-        "summary.json",
-        "report.html",
-        "events.jsonl",
-        "glrm.npz",
-        "hrm_robot_001.npz",
-        "hrm_robot_002.npz",
-    }
-    with np.load(finished / "glrm.npz") as glrm:
+    assert names == {PARTS, SUMMARY, REPORT, EVENTS, GLRM, hrm_file("robot_001"), hrm_file("robot_002")}
+    with np.load(finished / GLRM) as glrm:
         assert {*LAYERS, "origin_m", "cell_m"} == set(glrm.files)
         assert glrm["height"].shape == (32, 32)
 
 
 def test_the_summary_has_its_keys_and_true_figures(finished: Path) -> None:
-    summary = json.loads((finished / "summary.json").read_text(), parse_constant=pytest.fail)
-    assert set(summary) >= KEYS
-    assert set(summary["stages_ms"]) == set(STAGES)
-    assert set(summary["mapping_time_s"]) == {"50", "90", "95", "99"}
-    assert (summary["robots"], summary["rtf"], summary["cells_lost"]) == (2, 8.0, 0)
-    assert (summary["bytes_up_per_robot_s"], summary["copies_hash_equal"]) == (1500.0, True)
+    summary = Summary.read(finished)
+    assert set(summary.stages_ms) == set(STAGES)
+    assert set(summary.mapping_time_s) == {50, 90, 95, 99}
+    assert (summary.robots, summary.rtf, summary.cells_lost) == (2, 8.0, 0)
+    assert (summary.bytes_up_per_robot_s, summary.copies_hash_equal) == (1500.0, True)
     # The made-up maps are the true surface with 5 cm of noise, averaged nowhere.
-    assert summary["score"]["hrm"]["surface"]["open_ground"]["rmse_m"] == pytest.approx(0.05, abs=0.01)
-    assert summary["score"]["hrm"]["surface"]["occupation_iou"] > 0.9
+    assert summary.score.hrm.surface.open_ground.rmse_m == pytest.approx(0.05, abs=0.01)
+    assert summary.score.hrm.surface.occupation_iou > 0.9
 
 
 def test_the_page_is_one_file_that_asks_nobody(finished: Path) -> None:
-    text = (finished / "report.html").read_text()
+    text = (finished / REPORT).read_text()
     page = Page()
     page.feed(text)
     assert not page.open
@@ -110,32 +97,32 @@ def test_the_page_is_one_file_that_asks_nobody(finished: Path) -> None:
 
 
 def test_the_scenarios_words_are_escaped(finished: Path) -> None:
-    text = (finished / "report.html").read_text()
+    text = (finished / REPORT).read_text()
     assert "Drawn by the tests &lt;b&gt;themselves" in text
 
 
 def test_the_same_parts_give_the_same_page(city_run: RunParts, finished: Path, tmp_path: Path) -> None:
     leave(city_run, tmp_path)
     compose(tmp_path, tmp_path / "another-cache")
-    assert (tmp_path / "report.html").read_bytes() == (finished / "report.html").read_bytes()
+    assert (tmp_path / REPORT).read_bytes() == (finished / REPORT).read_bytes()
 
 
 def test_missing_nodes_are_named_and_left_out(without: Callable[..., RunParts], tmp_path: Path) -> None:
     names = [keys.WORLD, keys.MANAGER, keys.ORCHESTRATOR, *(keys.node(s, "robot_001") for s in keys.ROBOT_SERVICES)]
     leave(without(*names), tmp_path)
     compose(tmp_path, tmp_path / "cache")
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    assert summary["glrm_hash"] is None
-    assert summary["mapping_time_s"]["95"] is None
-    assert set(summary["missing_parts"]) == set(names)
-    assert "robot-mapping/robot_001" in (tmp_path / "report.html").read_text()
+    summary = Summary.read(tmp_path)
+    assert summary.glrm_hash is None
+    assert summary.mapping_time_s[95] is None
+    assert set(summary.missing_parts) == set(names)
+    assert "robot-mapping/robot_001" in (tmp_path / REPORT).read_text()
 
 
 def test_a_failed_composition_leaves_no_finished_name(
     city_run: RunParts, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     leave(city_run, tmp_path)
-    (tmp_path / "summary.json").write_text("of an earlier composition")
+    (tmp_path / SUMMARY).write_text("of an earlier composition")
 
     def fail(*_: object) -> str:
         raise RuntimeError("the page cannot be made")
@@ -143,13 +130,13 @@ def test_a_failed_composition_leaves_no_finished_name(
     monkeypatch.setattr(folder.page, "render", fail)
     with pytest.raises(RuntimeError):
         compose(tmp_path, tmp_path / "cache")
-    assert not (tmp_path / "summary.json").exists()
-    assert not (tmp_path / "report.html").exists()
+    assert not (tmp_path / SUMMARY).exists()
+    assert not (tmp_path / REPORT).exists()
 
 
 def test_a_line_cut_short_by_a_death_is_no_event(city_run: RunParts, tmp_path: Path) -> None:
     leave(city_run, tmp_path)
-    with (tmp_path / "parts" / "events" / "p0.jsonl").open("a") as stream:
+    with (tmp_path / events_file("p0")).open("a") as stream:
         stream.write('{"stamp_ns": 12, "eve')
     assert len(read_parts(tmp_path).events) == len(city_run.events)
 

@@ -1,22 +1,14 @@
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
+from made_up.run import made_up_summary
 from orograph.report.page import render_study
 from orograph.report.study import study_rows
 
 
-def summary(robots: int) -> dict[str, Any]:
-    return {
-        "robots": robots, "coverage": 0.97, "sim_time_s": 500.0, "rtf": 9.0,
-        "score": {"glrm": {"ideal": {"rmse_m": 0.2}}}, "copies_hash_equal": True, "cells_lost": 0,
-    }  # fmt: skip
-
-
 def test_speed_ups_by_hand() -> None:
     rows = study_rows(
-        [("b", summary(3)), ("a", summary(1)), ("c", summary(2)), ("d", summary(4))],
+        [("b", made_up_summary(3)), ("a", made_up_summary(1)), ("c", made_up_summary(2)), ("d", made_up_summary(4))],
         {1: 450.0, 2: None, 3: 150.0, 4: 100.0},
     )
     assert [r.robots for r in rows] == [1, 2, 3, 4]
@@ -27,12 +19,13 @@ def test_speed_ups_by_hand() -> None:
 
 
 def test_without_a_run_of_one_robot_there_is_no_speed_up() -> None:
-    assert [r.speed_up for r in study_rows([("a", summary(2))], {2: 300.0})] == [None]
+    assert [r.speed_up for r in study_rows([("a", made_up_summary(2))], {2: 300.0})] == [None]
 
 
 def test_the_page_links_to_the_runs_and_escapes() -> None:
     page = render_study(
-        "A <b>city</b>", study_rows([("robots-1", summary(1)), ("robots-3", summary(3))], {1: 450.0, 3: 150.0})
+        "A <b>city</b>",
+        study_rows([("robots-1", made_up_summary(1)), ("robots-3", made_up_summary(3))], {1: 450.0, 3: 150.0}),
     )
     assert 'href="robots-3/report.html"' in page
     assert "A &lt;b&gt;city" in page

@@ -1,0 +1,186 @@
+"""What a run says of itself in JSON: how the world ended it, who ran it and on what, and how it was judged.
+
+Frozen and typed, to and from their files; a figure that is not known is None, in JSON `null`.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+
+from orograph.storage.run_folder import RUN, SUMMARY, WORLD, FolderError, read_text, write_whole
+
+if TYPE_CHECKING:
+    from orograph.messages import RunEnd
+    from orograph.scenario import Scenario
+
+
+def _known(value: object) -> object:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+Figure = Annotated[float | None, BeforeValidator(_known)]
+"""None where there is nothing to measure; NaN becomes it."""
+
+
+class _Frozen(BaseModel):
+    model_config = ConfigDict(frozen=True, from_attributes=True)
+
+
+class _Result(_Frozen):
+    """Written as one file of the run folder."""
+
+    FILE: ClassVar[str]
+
+    def write(self, out: Path) -> None:
+        """Write it into a run folder, whole or not at all."""
+        write_whole(out / self.FILE, self.model_dump_json(indent=2) + "\n")
+
+    @classmethod
+    def read(cls, out: Path) -> Self:
+        """What a run folder holds; raises FolderError."""
+        try:
+            return cls.model_validate_json(read_text(out, cls.FILE))
+        except ValidationError as error:
+            place = ".".join(str(part) for part in error.errors()[0]["loc"])
+            raise FolderError(f"{out / cls.FILE}: {place}: {error.errors()[0]['msg']}") from None
+
+
+class WorldResult(_Result):
+    """How the world saw the run end."""
+
+    FILE: ClassVar[str] = WORLD
+
+    sim_time_s: float
+    wall_time_s: float
+    complete: bool
+    """The mission ended by itself and every robot flushed."""
+    copies_equal: bool
+    deterministic: bool
+    """Nothing was lost that the scenario and the seed did not decide."""
+
+    @classmethod
+    def of(cls, stamp_ns: int, wall_time_s: float, ended: RunEnd | None, deterministic: bool) -> Self:
+        """From the last frame's stamp and the orchestrator's word, None where it was not heard."""
+        return cls(
+            sim_time_s=stamp_ns / 1e9, wall_time_s=wall_time_s, complete=ended is not None and ended.complete,
+            copies_equal=ended is not None and ended.copies_equal, deterministic=deterministic,
+        )  # fmt: skip
+
+
+class Machine(_Frozen):
+    """What a run was made on: the paper's Table 1."""
+
+    processor: str
+    cores: int
+    """That this process may use."""
+    memory_bytes: int
+    system: str
+    python: str
+    packages: dict[str, str]
+    """Name -> version of what the figures depend on."""
+
+
+class RunInfo(WorldResult):
+    """A run as its runner describes it, with the world's word in it."""
+
+    FILE: ClassVar[str] = RUN
+
+    seed: int
+    robots: int
+    runner: str
+    """in-process, processes or containers."""
+    mode: Literal["lockstep", "paced"]
+    commit: str
+    started_unix_s: float | None = None
+    machine: Machine | None = None
+
+    @classmethod
+    def ran(
+        cls, result: WorldResult, scenario: Scenario, runner: str, commit: str,
+        machine: Machine | None = None, started_unix_s: float | None = None,
+    ) -> Self:  # fmt: skip
+        """The world's result with what the runner knows."""
+        return cls(
+            **result.model_dump(), seed=scenario.seed, robots=scenario.robots, runner=runner, commit=commit,
+            mode="lockstep" if scenario.time_scale == "max" else "paced", machine=machine,
+            started_unix_s=started_unix_s,
+        )  # fmt: skip
+
+
+class HeightErrors(_Frozen):
+    """Height of a map minus a truth's, over `cells` cells."""
+
+    cells: int
+    rmse_m: Figure
+    mae_m: Figure
+    bias_m: Figure
+    p95_m: Figure
+
+
+class MapScore(HeightErrors):
+    """A map against one truth: of its confident cells, and of parts of them."""
+
+    occupation_iou: Figure
+    open_ground: HeightErrors
+    buildings: HeightErrors
+    by_confidence: tuple[HeightErrors, ...]
+
+
+class Scores(_Frozen):
+    """One kind of map against the true surface and against ideal scans."""
+
+    surface: MapScore
+    ideal: MapScore
+
+
+class MapScores(_Frozen):
+    """The global map and the robots' local maps."""
+
+    glrm: Scores
+    hrm: Scores
+
+
+class Spread(_Frozen):
+    """Median and 95 % quantile of durations [ms]."""
+
+    p50: Figure
+    p95: Figure
+
+
+class Summary(_Result):
+    """A judged run: what people and tests read first."""
+
+    FILE: ClassVar[str] = SUMMARY
+
+    scenario: str
+    seed: int
+    robots: int
+    robots_gone: tuple[str, ...]
+    mode: Literal["lockstep", "paced"]
+    runner: str
+    commit: str
+    complete: bool
+    deterministic: bool
+    sim_time_s: float
+    wall_time_s: float
+    rtf: float | None
+    """Simulated seconds per second."""
+    glrm_hash: str | None
+    copies_hash_equal: bool | None
+    glrm_is_own_fold: bool | None
+    coverage: Figure
+    """Share of the observable cells that are confident."""
+    observable_cells: int
+    mapping_time_s: dict[int, float | None]
+    """Share of the observable cells [%] -> when it was reached."""
+    stages_ms: dict[str, Spread]
+    bytes_up_per_robot_s: float | None
+    bytes_down_per_robot_s: float | None
+    cells_acked: int | None
+    cells_lost: int | None
+    missing_parts: tuple[str, ...]
+    score: MapScores
