@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from orograph import keys, messages
+from orograph import keys, layers, messages
 from orograph.fields import Array, AtMost, Choice, Flag, Kind, Number, Raw, Text, Whole, kinds_of
 from orograph.storage.scenario_file import scenario_json_schema
 
@@ -37,6 +37,12 @@ def field_row(name: str, kind: Kind) -> str:
     return f"| `{name}` | {words_of(kind)} | {kind.unit} |"
 
 
+def layer_row(kind: layers.LayerKind) -> str:
+    """One table row: how a register carries a layer, and how it is fused."""
+    unknown = "-" if kind.unknown is None else kind.unknown
+    return f"| `{kind.name}` | {kind.unit} | {kind.wire.lstrip('<')} | {kind.step:.4g} | {unknown} | {kind.fused} |"
+
+
 def reference() -> str:
     """The whole document."""
     lines = [
@@ -63,6 +69,15 @@ def reference() -> str:
             "|---|---|---|",
         ]
         lines += [field_row(field, kind) for field, kind in kinds_of(cls).items()]
+    lines += [
+        "",
+        "## What a cell holds",
+        "",
+        "From `shared/orograph/layers.py`; every record of a cell carries these.",
+        "",
+    ]
+    lines += ["| layer | unit | on the wire | one step | unknown | two cells become one |", "|---|---|---|---|---|---|"]
+    lines += [layer_row(kind) for kind in layers.MAPPED]
     return "\n".join(lines) + "\n"
 
 

@@ -1,9 +1,15 @@
-"""The layered cell map: one type for GLRM, HRM, 3DLaserAuxMap and LLRM (mapping.md section 1)."""
+"""What a cell holds, said once in a table, and the map that holds it (mapping.md section 1).
+
+Map layers, registers on the wire, their hashes and the columns of the kernels all follow from the table: a new layer
+is a row here and the kernel that computes it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -12,18 +18,67 @@ from orograph.grid import Grid
 
 Layer = npt.NDArray[np.float32]
 
-GIVEN_LAYERS = ("gps_quality", "communications")
-MAPPED_LAYERS = ("height", "gradient_x", "gradient_y", "occupation", "confidence")
-LAYERS = GIVEN_LAYERS + MAPPED_LAYERS
-UNITS = {
-    "gps_quality": "0 none, 1 single, 2 differential",
-    "communications": "0 none, 1 available",
-    "height": "m",
-    "gradient_x": "m/m",
-    "gradient_y": "m/m",
-    "occupation": "0..1",
-    "confidence": "0..255",
-}
+UNKNOWN_HEIGHT: Final = -(2**31)
+UNKNOWN_GRADIENT: Final = -32768
+UNKNOWN_OCCUPATION: Final = 255
+OCCUPATION_ONE: Final = 254
+
+
+@dataclass(frozen=True)
+class LayerKind:
+    """One row: `blank` is the value of a cell of which nothing is known; the rest says how a register carries it."""
+
+    name: str
+    unit: str
+    blank: float = math.nan
+    wire: str = ""
+    """Type of the whole number in a register; empty for the layers that the scenario gives."""
+    step: float = 1.0
+    """What one of these whole numbers stands for [unit]."""
+    lowest: int = 0
+    highest: int = 255
+    unknown: int | None = None
+    """The whole number that stands for NaN; None where there is always a value."""
+    moved: float = math.inf
+    """A register is worth sending when this layer moved by more than so many steps (mapping.md section 4)."""
+    fused: str = "given"
+    """How two cells become one (mapping.md section 3), in words."""
+    basic: bool = True
+    """Every map has it; the others only where somebody adds them by name."""
+
+
+TABLE: Final = (
+    LayerKind("gps_quality", "0 none, 1 single, 2 differential", 0.0),
+    LayerKind("communications", "0 none, 1 available", 1.0),
+    LayerKind(
+        "height", "m", wire="<i4", step=1e-3, lowest=1 - 2**31, highest=2**31 - 1, unknown=UNKNOWN_HEIGHT, moved=100,
+        fused="mean",
+    ),
+    LayerKind(
+        "gradient_x", "m/m", wire="<i2", step=1e-4, lowest=-32767, highest=32767, unknown=UNKNOWN_GRADIENT,
+        fused="mean of what is known",
+    ),
+    LayerKind(
+        "gradient_y", "m/m", wire="<i2", step=1e-4, lowest=-32767, highest=32767, unknown=UNKNOWN_GRADIENT,
+        fused="mean of what is known",
+    ),
+    LayerKind(
+        "occupation", "0..1", wire="u1", step=1 / OCCUPATION_ONE, highest=OCCUPATION_ONE, unknown=UNKNOWN_OCCUPATION,
+        moved=0.1 * OCCUPATION_ONE, fused="from the fused gradients; at map level mean of what is known",
+    ),
+    LayerKind("confidence", "0..255", 0.0, wire="u1", lowest=1, moved=16, fused="sum, at most 255"),
+)  # fmt: skip
+KINDS: Final = {kind.name: kind for kind in TABLE}
+LAYERS: Final = tuple(kind.name for kind in TABLE if kind.basic)
+MAPPED: Final = tuple(kind for kind in TABLE if kind.wire)
+"""What mapping finds out, in the order of a cell's values in kernels, registers and hashes."""
+MAPPED_LAYERS: Final = tuple(kind.name for kind in MAPPED)
+WIDTH: Final = len(MAPPED)
+HEIGHT: Final = MAPPED_LAYERS.index("height")
+GRADIENT_X: Final = MAPPED_LAYERS.index("gradient_x")
+GRADIENT_Y: Final = MAPPED_LAYERS.index("gradient_y")
+OCCUPATION: Final = MAPPED_LAYERS.index("occupation")
+CONFIDENCE: Final = MAPPED_LAYERS.index("confidence")
 CONFIDENCE_MAX = 255.0
 CONFIDENT = 64.0
 """A cell counts as mapped from this confidence on (mapping.md section 6, "mapping time")."""
@@ -31,31 +86,34 @@ CONFIDENT = 64.0
 
 @dataclass(frozen=True, eq=False)
 class CellMap:
-    """Seven float32 layers (rows, cols) over one grid; NaN is unknown, confidence 0 means nothing known."""
+    """Float32 layers (rows, cols) by name over one grid; NaN is unknown, confidence 0 means nothing known.
+
+    Every basic layer is there, others of the table may be; `cell_map.height` is `cell_map.by_name["height"]`.
+    """
 
     grid: Grid
-    gps_quality: Layer
-    communications: Layer
-    height: Layer
-    gradient_x: Layer
-    gradient_y: Layer
-    occupation: Layer
-    confidence: Layer
+    by_name: Mapping[str, Layer]
 
     def __post_init__(self) -> None:
+        assert set(LAYERS) <= set(self.by_name) <= set(KINDS), sorted(self.by_name)
         for name, layer in self.layers():
             assert layer.dtype == np.float32 and layer.shape == self.grid.shape, (name, layer.dtype, layer.shape)
+
+    def __getattr__(self, name: str) -> Layer:
+        if name in KINDS and name in self.by_name:
+            return self.by_name[name]
+        raise AttributeError(f"this map has no layer {name}")
 
     @classmethod
     def unknown(cls, grid: Grid) -> CellMap:
         """A map of nothing: NaN values, confidence 0, no GPS, communications available."""
-        start = {"communications": 1.0, "gps_quality": 0.0, "confidence": 0.0}
-        return cls(grid, **{name: np.full(grid.shape, start.get(name, np.nan), np.float32) for name in LAYERS})
+        return cls(grid, {name: np.full(grid.shape, KINDS[name].blank, np.float32) for name in LAYERS})
 
     def layers(self) -> Iterator[tuple[str, Layer]]:
-        """Pairs (name, array) in the order of mapping.md."""
-        for name in LAYERS:
-            yield name, getattr(self, name)
+        """Pairs (name, array) in the order of the table."""
+        for name in KINDS:
+            if name in self.by_name:
+                yield name, self.by_name[name]
 
     @property
     def known(self) -> npt.NDArray[np.bool_]:
@@ -64,9 +122,10 @@ class CellMap:
 
     def copy(self) -> CellMap:
         """A deep copy over the same grid."""
-        return CellMap(self.grid, *(layer.copy() for _, layer in self.layers()))
+        return CellMap(self.grid, {name: layer.copy() for name, layer in self.layers()})
 
     def equals(self, other: CellMap) -> bool:
-        """Same grid and the same values, NaN equal to NaN."""
-        pairs = zip(self.layers(), other.layers(), strict=True)
-        return self.grid == other.grid and all(np.array_equal(a, b, equal_nan=True) for (_, a), (_, b) in pairs)
+        """Same grid, the same layers and the same values, NaN equal to NaN."""
+        mine, theirs = dict(self.layers()), dict(other.layers())
+        same = self.grid == other.grid and mine.keys() == theirs.keys()
+        return same and all(np.array_equal(mine[name], theirs[name], equal_nan=True) for name in mine)

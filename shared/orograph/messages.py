@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph.fields import AtMost, array, bytes_max, choice, flag, integer, number, raw
+from orograph.layers import MAPPED
 
 SCHEMA_VERSION: Final = 1
 FRAGMENT_MAX_BYTES: Final = 30_000
@@ -22,37 +23,21 @@ MESSAGE_MAX_BYTES: Final = 4_010_000
 
 Packed = npt.NDArray[Any]
 
+_VALUES: Final = [(kind.name, kind.wire) for kind in MAPPED]
 UPDATE: Final = np.dtype(
     [
         ("cell", "<u4"),  # row * cols + col in the GLRM
         ("seq", "<u4"),  # per robot and epoch, grows with each change of the register
         ("tick", "<u4"),  # simulation time of the newest scan in it [ms]
-        ("height", "<i4"),  # [mm]
-        ("gradient_x", "<i2"),  # [1e-4 m/m], saturated; UNKNOWN_GRADIENT
-        ("gradient_y", "<i2"),
-        ("occupation", "u1"),  # [1/254]; UNKNOWN_OCCUPATION
-        ("confidence", "u1"),  # 1..255; 0 only for "no evidence"
+        *_VALUES,  # whole numbers of the steps and with the codes for unknown that `layers.TABLE` says
     ]
 )
-UNKNOWN_GRADIENT: Final = -32768
-UNKNOWN_OCCUPATION: Final = 255
-OCCUPATION_ONE: Final = 254
-
 REGISTER: Final = np.dtype([("epoch", "<u4"), *[(n, UPDATE[n]) for n in UPDATE.names or ()]])
 """A register with the epoch in which it was written: the robot's own row as the manager holds it."""
-
-CELL: Final = np.dtype(
-    [
-        ("cell", "<u4"),
-        ("version", "<u4"),  # manager's version in which the cell last changed
-        ("height", "<i4"),
-        ("gradient_x", "<i2"),
-        ("gradient_y", "<i2"),
-        ("occupation", "u1"),
-        ("confidence", "u1"),
-    ]
-)
-"""One GLRM cell on its way to the robots."""
+ROBOT_REGISTER: Final = np.dtype([("robot", "<u2"), *[(n, REGISTER[n]) for n in REGISTER.names or ()]])
+"""A register with the number of its robot: the form in which a run folder keeps them."""
+CELL: Final = np.dtype([("cell", "<u4"), ("version", "<u4"), *_VALUES])
+"""One GLRM cell on its way to the robots, with the manager's version in which it last changed."""
 
 ACKED: Final = np.dtype([("cell", "<u4"), ("seq", "<u4")])
 POSE: Final = np.dtype([("position_m", "<f8", (3,)), ("quaternion_wxyz", "<f8", (4,)), ("present", "u1")])

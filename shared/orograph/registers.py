@@ -7,43 +7,46 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from orograph.arrays import F64
+from orograph.arrays import I64
 from orograph.grid import Grid
-from orograph.layers import CellMap, Layer
-from orograph.messages import OCCUPATION_ONE, UNKNOWN_GRADIENT, UNKNOWN_OCCUPATION, UPDATE, Packed
+from orograph.layers import MAPPED, MAPPED_LAYERS, WIDTH, CellMap, Layer
+from orograph.messages import UPDATE, Packed
+from orograph.register_kernels import whole_numbers
 
-GRADIENT_UNIT = 1e-4
-HEIGHT_UNIT_M = 1e-3
-
-
-def round_half_away(values: npt.ArrayLike) -> F64:
-    """Nearest whole number, halves away from zero: the one rounding of the project."""
-    v = np.asarray(values, np.float64)
-    return np.copysign(np.floor(np.abs(v) + 0.5), v)
+_STEP = np.array([kind.step for kind in MAPPED])
+_LOWEST, _HIGHEST = np.array([kind.lowest for kind in MAPPED]), np.array([kind.highest for kind in MAPPED])
+NO_CODE = np.iinfo(np.int64).min
+UNKNOWN = np.array([NO_CODE if kind.unknown is None else kind.unknown for kind in MAPPED])
+"""The codes of the unknown (WIDTH,), NO_CODE for a layer that has none."""
 
 
-_PER_UNIT = np.array([[HEIGHT_UNIT_M], [GRADIENT_UNIT], [GRADIENT_UNIT], [1.0], [1.0]])
-_LOWEST = np.array([[-(2.0**31)], [-32767], [-32767], [0], [1]])
-_HIGHEST = np.array([[2.0**31 - 1], [32767], [32767], [OCCUPATION_ONE], [255]])
-_UNKNOWN = np.array([[0], [UNKNOWN_GRADIENT], [UNKNOWN_GRADIENT], [UNKNOWN_OCCUPATION], [0]])
-"""Rows as in `pack`: height, gradients, occupation, confidence; in few passes, for a scan packs hundreds."""
-
-
-def pack(
-    cells: npt.NDArray[Any], tick_ms: npt.ArrayLike, height: Layer, gradient_x: Layer, gradient_y: Layer,
-    occupation: Layer, confidence: Layer,
-) -> Packed:  # fmt: skip
-    """Records (n,) with seq 0 from values (n,) in SI units; confidence rounds to at least 1."""
+def pack(cells: npt.NDArray[Any], tick_ms: npt.ArrayLike, values: npt.ArrayLike) -> Packed:
+    """UPDATE records (n,) with seq 0 from values (n, WIDTH) in the layers' units; confidence rounds to at least 1."""
+    whole = whole_numbers(np.asarray(values), _STEP, _LOWEST, _HIGHEST, UNKNOWN)
     records = np.zeros(len(cells), UPDATE)
-    records["cell"] = cells
-    records["tick"] = tick_ms
-    values = np.array([height, gradient_x, gradient_y, occupation, confidence], np.float64)
-    values[3] *= OCCUPATION_ONE
-    whole = np.clip(round_half_away(values / _PER_UNIT), _LOWEST, _HIGHEST)
-    whole = np.where(np.isnan(values), _UNKNOWN, whole)
-    for name, row in zip(("height", "gradient_x", "gradient_y", "occupation", "confidence"), whole, strict=True):
-        records[name] = row
+    records["cell"], records["tick"] = cells, tick_ms
+    put_numbers(records, whole)
     return records
+
+
+def put_numbers(records: Packed, whole: npt.NDArray[Any]) -> None:
+    """Set the layers of records (n,) to whole numbers (n, WIDTH), in place."""
+    for name, column in zip(MAPPED_LAYERS, whole.T, strict=True):
+        records[name] = column
+
+
+def numbers(records: Packed) -> I64:
+    """The whole numbers (..., WIDTH) of records (...) of any type with UPDATE's layers."""
+    whole = np.empty((*records.shape, WIDTH), np.int64)
+    for i, name in enumerate(MAPPED_LAYERS):
+        whole[..., i] = records[name]
+    return whole
+
+
+def values(records: Packed) -> Layer:
+    """Values (n, WIDTH) of records (n,) in the layers' units: what `pack` took, to within half a step."""
+    whole = numbers(records)
+    return np.where(whole == UNKNOWN, np.nan, whole * _STEP)
 
 
 def unpack(
@@ -57,11 +60,6 @@ def unpack(
         out.communications[...] = communications
     live = records[records["confidence"] > 0]
     cells = live["cell"].astype(np.int64)
-    out.height.reshape(-1)[cells] = live["height"] * HEIGHT_UNIT_M
-    for name in ("gradient_x", "gradient_y"):
-        values = np.where(live[name] == UNKNOWN_GRADIENT, np.nan, live[name] * GRADIENT_UNIT)
-        getattr(out, name).reshape(-1)[cells] = values
-    occupation = np.where(live["occupation"] == UNKNOWN_OCCUPATION, np.nan, live["occupation"] / OCCUPATION_ONE)
-    out.occupation.reshape(-1)[cells] = occupation
-    out.confidence.reshape(-1)[cells] = live["confidence"]
+    for name, column in zip(MAPPED_LAYERS, values(live).T, strict=True):
+        out.by_name[name].reshape(-1)[cells] = column
     return out

@@ -27,6 +27,7 @@ from orograph.messages import (
     WAYPOINTS_MAX,
     YAW_RATE_MAX_RADPS,
 )
+from orograph.rules import NamedRules, Rules
 
 Metres = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 PointM = tuple[Metres, Metres]
@@ -70,15 +71,6 @@ class HrmSpec(Part):
         if self.cells % self.per_glrm_cell:
             raise ValueError(f"cells ({self.cells}) must be a multiple of per_glrm_cell ({self.per_glrm_cell})")
         return self
-
-
-class RulesSpec(Part):
-    """Fusion rules of one's own, where neither `paper` nor `default` fits."""
-
-    half_life_s: Annotated[float, Field(gt=0)] = math.inf
-    height_gate_m: Annotated[float, Field(gt=0)] = math.inf
-    similarity_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
-    printed_equation_12: bool = False
 
 
 class Wave(Part):
@@ -222,7 +214,7 @@ class Scenario(Part):
     frame_ms: Annotated[int, Field(ge=20, le=500, multiple_of=5)] = 100
     grid: GridSpec = GridSpec()
     hrm: HrmSpec = HrmSpec()
-    rules: Literal["paper", "default"] | RulesSpec = "default"
+    rules: NamedRules | Rules = "default"
     terrain: TerrainSpec = TerrainSpec()
     buildings: tuple[Building, ...] = ()
     vehicles: Annotated[tuple[Vehicle, ...], Field(max_length=VEHICLES_MAX)] = ()

@@ -12,16 +12,17 @@ from orograph.arrays import F64, Mask
 from orograph.geometry import ray_directions, rotation
 from orograph.grid import Grid
 from orograph.judge.map_truth import window
-from orograph.layers import CellMap
-from orograph.mapping import FusionRules, RobotMapper
+from orograph.layers import UNKNOWN_OCCUPATION, CellMap
+from orograph.mapping import RobotMapper
 from orograph.mapping.cells import cut, values_of
 from orograph.mapping.rescaling import expand
-from orograph.messages import UNKNOWN_OCCUPATION, UPDATE
+from orograph.messages import ROBOT_REGISTER, UPDATE
 from orograph.navigation.planner import BLOCKED
 from orograph.points import points_from_ranges
-from orograph.protocol.fold import ROBOT_REGISTER, FoldRules, fold_registers, whole_prior
+from orograph.protocol.fold import fold_registers, whole_prior
 from orograph.protocol.tiles import map_hash
 from orograph.registers import unpack
+from orograph.rules import Rules
 from orograph.scenario import LaserSpec, Scenario
 from orograph.scene.prior import given_layers, prior_records
 
@@ -29,7 +30,7 @@ from orograph.scene.prior import given_layers, prior_records
 def has_rules(name: str) -> bool:
     """Whether the mapping knows a rule set of that name."""
     try:
-        FusionRules.of(name)  # type: ignore[arg-type]
+        Rules.of(name)  # type: ignore[arg-type]
     except KeyError:
         return False
     return True
@@ -61,7 +62,7 @@ class Replay:
 
     def _mapper(self) -> RobotMapper:
         s = self.scenario
-        rules = FusionRules.of(self._rules)  # type: ignore[arg-type]
+        rules = Rules.of(self._rules)  # type: ignore[arg-type]
         return RobotMapper(self._grid, s.hrm.cells, self._factor, rules, s.laser.range_max_m, s.robot.slope_max,
                            self._given)  # fmt: skip
 
@@ -94,7 +95,7 @@ class Replay:
                 rows[name] = own[name]
             rows["robot"] = robot
             registers.append(rows)
-        rules = FoldRules.of(self._rules)  # type: ignore[arg-type]
+        rules = Rules.of(self._rules)  # type: ignore[arg-type]
         return fold_registers(self._prior_records, np.concatenate(registers), rules)
 
     def glrm(self) -> CellMap:

@@ -9,7 +9,8 @@ from chaos.evidence import Evidence, latencies_s
 from oracles.fold_oracle import fold_slowly
 from orograph import keys
 from orograph.judge import invariants
-from orograph.protocol.fold import VALUES, whole_prior
+from orograph.layers import MAPPED_LAYERS
+from orograph.protocol.fold import whole_prior
 from orograph.protocol.tiles import map_hash
 from orograph.scene.prior import prior_records
 
@@ -52,7 +53,7 @@ def copies_are_equal(e: Evidence) -> list[str]:
 def registers_are_own_evidence(e: Evidence) -> list[str]:
     """3: every register says what its robot's mapper says, whenever the last scan in it was."""
     own = {keys.robot_number(robot): own for robot, own in e.ledger.own.items() if robot not in e.left}
-    return invariants.registers_are_own(e.ledger.held, own, ("cell", *VALUES))
+    return invariants.registers_are_own(e.ledger.held, own, ("cell", *MAPPED_LAYERS))
 
 
 def map_is_the_fold(e: Evidence) -> list[str]:

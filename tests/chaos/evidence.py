@@ -13,8 +13,9 @@ from orograph import keys
 from orograph.judge.checks import Ledger, read_ledger
 from orograph.judge.tracks import tracks
 from orograph.launch.lifecycle import commit
-from orograph.protocol.fold import ROBOT_REGISTER, FoldRules
+from orograph.messages import ROBOT_REGISTER
 from orograph.protocol.manager import ManagerSync
+from orograph.rules import Rules
 from orograph.scenario import Scenario
 from orograph.scene.prior import prior_records
 from orograph.storage.parts import RunParts, read_parts
@@ -100,7 +101,7 @@ def _recover(folder: Path, parts: RunParts) -> tuple[np.ndarray, tuple[bytes, by
         for file in folder.glob(f"{STORE}*"):
             shutil.copy(file, copy / file.name)
         store = SqliteStore(copy / STORE, parts.glrm_grid.shape)
-        manager = ManagerSync(parts.glrm_grid.shape, prior, FoldRules.of(parts.scenario.rules), store, robots)
+        manager = ManagerSync(parts.glrm_grid.shape, prior, Rules.of(parts.scenario.rules), store, robots)
         found.append((manager.registers(), manager.hash()))
         store.close()
     return found[0][0], (found[0][1], found[1][1])

@@ -10,9 +10,11 @@ import numpy as np
 from orograph import keys
 from orograph.grid import Grid
 from orograph.layers import MAPPED_LAYERS, CellMap
-from orograph.messages import POSE, REGISTER
-from orograph.protocol.fold import ROBOT_REGISTER, FoldRules, fold_registers, whole_prior
+from orograph.mapping.cells import values_of
+from orograph.messages import POSE, REGISTER, ROBOT_REGISTER
+from orograph.protocol.fold import fold_registers, whole_prior
 from orograph.registers import pack, unpack
+from orograph.rules import Rules
 from orograph.scenario import Scenario
 from orograph.scene import Scene, build_scene
 from orograph.scene.prior import prior_records
@@ -82,7 +84,7 @@ def seen_map(scene: Scene, grid: Grid, path: np.ndarray[Any, Any], seed: int) ->
 def registers_of(cells: CellMap, tick_ms: int) -> np.ndarray[Any, Any]:
     """A map's cells as one robot's registers of epoch 1."""
     known = np.flatnonzero(cells.known)
-    records = pack(known, tick_ms, *(getattr(cells, name).reshape(-1)[known] for name in MAPPED_LAYERS))
+    records = pack(known, tick_ms, values_of(cells)[known])
     rows = np.zeros(len(records), REGISTER)
     for name in records.dtype.names or ():
         rows[name] = records[name]
@@ -170,7 +172,7 @@ def made_up(scenario: Scenario) -> RunParts:
         register["robot"] = number
         held.append(register)
     prior = whole_prior(prior_records(scenario), grid.size)
-    glrm = fold_registers(prior, np.concatenate(held), FoldRules.of(scenario.rules))
+    glrm = fold_registers(prior, np.concatenate(held), Rules.of(scenario.rules))
     for arrays in mapping.values():
         arrays["copy"] = glrm.copy()
     first = np.where(glrm["confidence"] >= 64, np.random.default_rng(3).integers(1, LENGTH_S, grid.size) * 10**9, -1)

@@ -27,8 +27,8 @@ def ageing(step: int) -> int:
     return int((exact + Decimal("0.5")).to_integral_value(rounding="ROUND_FLOOR"))
 
 
-def aged(confidence: Fraction, age_ms: int, half_life_ms: int | None) -> Fraction:
-    if half_life_ms is None or age_ms == 0:
+def aged(confidence: Fraction, age_ms: int, half_life_ms: int) -> Fraction:
+    if half_life_ms == 0 or age_ms == 0:
         return confidence
     halvings, step = divmod(age_ms * STEPS // half_life_ms, STEPS)
     if halvings > 30:
@@ -38,7 +38,7 @@ def aged(confidence: Fraction, age_ms: int, half_life_ms: int | None) -> Fractio
 
 
 def similar(a: dict[str, Any], b: dict[str, Any], rules: Any) -> bool:
-    if rules.height_gate_mm is not None and abs(a["height"] - b["height"]) > rules.height_gate_mm:
+    if rules.height_gate_mm >= 0 and abs(a["height"] - b["height"]) > rules.height_gate_mm:
         return False
     for name in ("gradient_x", "gradient_y"):
         if UNKNOWN_SLOPE in (a[name], b[name]):
@@ -73,14 +73,14 @@ def fuse(old: dict[str, Any], new: dict[str, Any], rules: Any) -> dict[str, Any]
         fused["c"] = min(Fraction(255), old["c"] + new["c"])
         return fused
     limit = Fraction(2 * 255, 16)
-    high_difference = new["c"] > limit if rules.printed_equation_12 else abs(new["c"] - old["c"]) > limit
+    high_difference = new["c"] > limit if rules.printed else abs(new["c"] - old["c"]) > limit
     if not high_difference and new["c"] >= 128 and old["c"] >= 128:
         return new
     return old if old["c"] > new["c"] else new
 
 
 class DefaultRules:
-    half_life_ms, height_gate_mm, printed_equation_12 = 60_000, 1_000, False
+    half_life_ms, height_gate_mm, printed = 60_000, 1_000, False
     similar_n, similar_d = 173_648_178, 984_807_753
 
 

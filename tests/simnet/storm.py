@@ -9,13 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from orograph.messages import UPDATE, Ack, Batch, Delta, Fenced
+from orograph.messages import ROBOT_REGISTER, UPDATE, Ack, Batch, Delta, Fenced
 from orograph.protocol.downlink import SendTo
-from orograph.protocol.fold import ROBOT_REGISTER, FoldRules, fold_registers
+from orograph.protocol.fold import fold_registers
 from orograph.protocol.limits import Limits
 from orograph.protocol.manager import ManagerSync
 from orograph.protocol.robot import RobotSync
 from orograph.protocol.store import Changes, MemoryStore, StoreFailed
+from orograph.rules import DEFAULT
 from simnet.history import Acked, Commit, History, Load, Sighting
 from simnet.mapper import Mapper
 from simnet.network import Network
@@ -26,7 +27,6 @@ SIZE = SHAPE[0] * SHAPE[1]
 FRAME_MS = 200
 STORM_FRAMES = 60
 QUIET_WITHIN_FRAMES = 400
-RULES = FoldRules()
 SMALL = Limits(batch_cells=20, largest_change_share=5, part_cells=24, answers_per_step=3, parts_per_robot=2)
 """Cut down to this small map, so that answers come in parts and batches wait for room."""
 
@@ -83,7 +83,7 @@ class RecordedStore(MemoryStore):
                 part[name] = rows[name]
             parts.append(part)
         registers = np.concatenate(parts) if parts else np.zeros(0, ROBOT_REGISTER)
-        return Commit(held.version, registers, fold_registers(PRIOR, registers, RULES))
+        return Commit(held.version, registers, fold_registers(PRIOR, registers, DEFAULT))
 
 
 @dataclass
@@ -129,7 +129,7 @@ class Storm:
         self._instances.append(Instance(robot, self._started, sync))
 
     def _new_manager(self) -> ManagerSync:
-        return self._manager_class(SHAPE, PRIOR, RULES, self._store, self._robots, limits=SMALL)
+        return self._manager_class(SHAPE, PRIOR, DEFAULT, self._store, self._robots, limits=SMALL)
 
     def _restart_robot(self, robot: str) -> None:
         self._instances = [instance for instance in self._instances if instance.robot != robot]

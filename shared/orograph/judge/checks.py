@@ -10,9 +10,10 @@ import numpy as np
 
 from orograph import keys
 from orograph.judge import invariants
-from orograph.messages import UPDATE, Packed
-from orograph.protocol.fold import ROBOT_REGISTER, FoldRules, fold_registers, whole_prior
+from orograph.messages import ROBOT_REGISTER, UPDATE, Packed
+from orograph.protocol.fold import fold_registers, whole_prior
 from orograph.protocol.tiles import map_hash
+from orograph.rules import Rules
 from orograph.scene.prior import prior_records
 from orograph.storage.parts import RunParts
 
@@ -90,7 +91,7 @@ def own_fold(parts: RunParts, ledger: Ledger) -> Packed:
     prior = whole_prior(prior_records(parts.scenario), parts.glrm_grid.size)
     staying = [own for robot, own in ledger.own.items() if robot not in parts.gone]
     left = np.isin(ledger.held["robot"], [keys.robot_number(robot) for robot in parts.gone])
-    return fold_registers(prior, np.concatenate([ledger.held[left], *staying]), FoldRules.of(parts.scenario.rules))
+    return fold_registers(prior, np.concatenate([ledger.held[left], *staying]), Rules.of(parts.scenario.rules))
 
 
 def checks(parts: RunParts, ledger: Ledger) -> Checks:

@@ -13,8 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph.arrays import I64, Mask
+from orograph.layers import MAPPED_LAYERS
 from orograph.messages import Packed
-from orograph.protocol.fold import VALUES, same_values
+from orograph.protocol.fold import same_values
 
 IN_FLIGHT_MAX, BATCH_MAX = 4, 256
 """Bounds of a robot's uplink (protocol.md, "Bounds"): batches without an answer, records in each."""
@@ -53,7 +54,7 @@ def copies_equal(copies: Mapping[str, bytes], manager: bytes) -> list[str]:
 
 
 def registers_are_own(
-    held: Packed, own: Mapping[int, Packed], fields: Sequence[str] = ("cell", "tick", *VALUES)
+    held: Packed, own: Mapping[int, Packed], fields: Sequence[str] = ("cell", "tick", *MAPPED_LAYERS)
 ) -> list[str]:
     """3: each robot's registers among ROBOT_REGISTERs (n,) are its mapper's evidence, robot -> UPDATEs by cell."""
     wrong = []
@@ -68,7 +69,8 @@ def registers_are_own(
 def map_is_fold(glrm: Packed, fold: Packed) -> list[str]:
     """3: the manager's map (n,) is what its registers fold to (n,), in all values of every cell."""
     return [
-        f"3: cell {cell} is {_told(glrm[cell], VALUES)}, its registers fold to {_told(fold[cell], VALUES)}"
+        f"3: cell {cell} is {_told(glrm[cell], MAPPED_LAYERS)}, "
+        f"its registers fold to {_told(fold[cell], MAPPED_LAYERS)}"
         for cell in np.flatnonzero(~same_values(glrm, fold))
     ]
 
@@ -114,7 +116,7 @@ def copy_was_committed(who: str, version: int, copy: Packed, since: Packed) -> l
     So there is no gap, and nothing else was ever visible.
     """
     same = np.ones(since.shape, np.bool_)
-    for name in VALUES:
+    for name in MAPPED_LAYERS:
         same &= since[name] == copy[name]
     cells = np.flatnonzero(~same.any(axis=0))
     return [f"4/6: {who} at version {version} holds what was never committed since: {cells[:5]}"] if cells.size else []

@@ -19,9 +19,11 @@ from orograph.arrays import F64, Mask
 from orograph.grid import Grid
 from orograph.judge.route import patrol_poses
 from orograph.layers import CONFIDENT, MAPPED_LAYERS, CellMap
-from orograph.mapping import FusionRules, RobotMapper
-from orograph.protocol.fold import ROBOT_REGISTER, FoldRules, fold_registers, whole_prior
+from orograph.mapping import RobotMapper
+from orograph.messages import ROBOT_REGISTER
+from orograph.protocol.fold import fold_registers, whole_prior
 from orograph.registers import unpack
+from orograph.rules import Rules
 from orograph.scenario import Scenario
 from orograph.scene import build_scene
 from orograph.scene.prior import given_layers, prior_records
@@ -76,7 +78,7 @@ def build(scenario: Scenario) -> Reference:
     poses = patrol_poses(scenario, SPACING_M)
     given = given_layers(scenario)
     mapper = RobotMapper(
-        scenario.grid.grid, scenario.hrm.cells, scenario.hrm.per_glrm_cell, FusionRules.of(scenario.rules),
+        scenario.grid.grid, scenario.hrm.cells, scenario.hrm.per_glrm_cell, Rules.of(scenario.rules),
         scenario.laser.range_max_m, scenario.robot.slope_max, given,
     )  # fmt: skip
     whole = CellMap.unknown(scenario.grid.grid.refined(scenario.hrm.per_glrm_cell))
@@ -95,7 +97,7 @@ def _glrm(scenario: Scenario, mapper: RobotMapper, given: tuple[Any, Any]) -> Ce
         registers[name] = own[name]
     registers["robot"] = 1
     prior = whole_prior(prior_records(scenario), grid.size)
-    return unpack(fold_registers(prior, registers, FoldRules.of(scenario.rules)), grid, *given)
+    return unpack(fold_registers(prior, registers, Rules.of(scenario.rules)), grid, *given)
 
 
 def _overlap(into: Grid, source: Grid) -> tuple[tuple[slice, slice], tuple[slice, slice]]:

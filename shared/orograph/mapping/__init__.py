@@ -4,6 +4,5 @@ from orograph.mapping.fusion import fuse
 from orograph.mapping.mapper import RobotMapper
 from orograph.mapping.reconstruction import reconstruct
 from orograph.mapping.rescaling import rescale
-from orograph.mapping.rules import FusionRules
 
-__all__ = ["FusionRules", "RobotMapper", "fuse", "reconstruct", "rescale"]
+__all__ = ["RobotMapper", "fuse", "reconstruct", "rescale"]

@@ -1,6 +1,6 @@
-"""Cell values side by side: rows (height, gradient_x, gradient_y, occupation, confidence), as the kernels hold them.
+"""Cell values side by side: rows of the mapped layers, in the order of `layers.MAPPED`, as the kernels hold them.
 
-A row is 20 bytes, so touching a cell costs a cache line or two; `CellMap` keeps the same numbers layer by layer.
+Touching a cell costs a cache line or two; `CellMap` keeps the same numbers layer by layer.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph.grid import Grid
-from orograph.layers import MAPPED_LAYERS, CellMap, Layer
+from orograph.layers import MAPPED, MAPPED_LAYERS, CellMap, Layer
 
 Values = npt.NDArray[np.float32]
 Ticks = npt.NDArray[np.uint32]
@@ -17,25 +17,24 @@ Cells = npt.NDArray[np.int64]
 Given = tuple[Layer, Layer]
 """The layers (gps_quality, communications)."""
 
-UNKNOWN = np.array([np.nan, np.nan, np.nan, np.nan, 0.0], np.float32)
-CONFIDENCE = MAPPED_LAYERS.index("confidence")
+UNKNOWN = np.array([kind.blank for kind in MAPPED], np.float32)
 
 
 def unknown_values(count: int) -> Values:
-    """Values (count, 5) of cells of which nothing is known."""
+    """Values (count, WIDTH) of cells of which nothing is known."""
     return np.tile(UNKNOWN, (count, 1))
 
 
 def values_of(cell_map: CellMap) -> Values:
-    """Values (rows * cols, 5) of a map, row by row."""
-    return np.stack([getattr(cell_map, name).reshape(-1) for name in MAPPED_LAYERS], axis=1)
+    """Values (rows * cols, WIDTH) of a map, row by row."""
+    return np.stack([cell_map.by_name[name].reshape(-1) for name in MAPPED_LAYERS], axis=1)
 
 
 def map_of(values: Values, grid: Grid, given: Given | None = None) -> CellMap:
-    """A map over `grid` from values (grid.size, 5); without given layers: no GPS, communications everywhere."""
+    """A map over `grid` from values (grid.size, WIDTH); without given layers: no GPS, communications everywhere."""
     gps_quality, communications = given or (np.zeros(grid.shape, np.float32), np.ones(grid.shape, np.float32))
-    mapped = [values[:, i].reshape(grid.shape).copy() for i in range(len(MAPPED_LAYERS))]
-    return CellMap(grid, gps_quality.copy(), communications.copy(), *mapped)
+    mapped = {name: values[:, i].reshape(grid.shape).copy() for i, name in enumerate(MAPPED_LAYERS)}
+    return CellMap(grid, {"gps_quality": gps_quality.copy(), "communications": communications.copy(), **mapped})
 
 
 def cut(cell_map: CellMap, row: int, col: int, shape: tuple[int, int]) -> CellMap:

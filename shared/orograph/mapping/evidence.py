@@ -12,11 +12,12 @@ import numpy as np
 
 from orograph.arrays import I32, Mask
 from orograph.grid import Grid
-from orograph.mapping.cells import CONFIDENCE, Cells, Ticks, Values, unknown_values
+from orograph.layers import CONFIDENCE, WIDTH
+from orograph.mapping.cells import Cells, Ticks, Values, unknown_values
 from orograph.mapping.fusion_kernels import fuse_cells
 from orograph.mapping.rescaling_kernels import expand_blocks, mark_blocks, rescale_marked
 from orograph.mapping.rolling import roll_into
-from orograph.mapping.rules import RuleNumbers
+from orograph.rules import RealRules
 
 
 class Evidence:
@@ -61,8 +62,8 @@ class Evidence:
         if (row, col) != self.window:
             self._move((row, col), self.window)
 
-    def fuse_fine(self, cells: Cells, values: Values, ticks: Ticks, rules: RuleNumbers) -> None:
-        """Fuse values (k, 5) of ticks (k,) into the fine cells (k,)."""
+    def fuse_fine(self, cells: Cells, values: Values, ticks: Ticks, rules: RealRules) -> None:
+        """Fuse values (k, WIDTH) of ticks (k,) into the fine cells (k,)."""
         fuse_cells(self.values, self.ticks, cells, values, ticks, rules)
 
     def rescale(self, cells: Cells) -> Cells:
@@ -75,15 +76,13 @@ class Evidence:
         return touched
 
     def put(self, glrm_cells: Cells, values: Values, ticks: Ticks) -> None:
-        """Set GLRM cells (k,), and the fine cells of those under the window, to coarse values (k, 5) and ticks (k,)."""
+        """Set GLRM cells (k,), and the fine cells of those under the window, to values (k, WIDTH) and ticks (k,)."""
         self.coarse[glrm_cells], self.coarse_ticks[glrm_cells] = values, ticks
         within, blocks = self._blocks(glrm_cells)
         self._expand(blocks[within], values[within], ticks[within])
 
-    def fuse_coarse(
-        self, glrm_cells: Cells, values: Values, ticks: Ticks, fine: RuleNumbers, coarse: RuleNumbers
-    ) -> None:
-        """Fuse values (k, 5) of GLRM cells: into each fine cell under the window by `fine`, elsewhere by `coarse`."""
+    def fuse_coarse(self, glrm_cells: Cells, values: Values, ticks: Ticks, fine: RealRules, coarse: RealRules) -> None:
+        """Fuse values (k, WIDTH) of GLRM cells: into fine cells under the window by `fine`, elsewhere by `coarse`."""
         within, blocks = self._blocks(glrm_cells)
         away = ~within
         fuse_cells(self.coarse, self.coarse_ticks, glrm_cells[away], values[away], ticks[away], coarse)
@@ -107,7 +106,7 @@ class Evidence:
             roll_into(self.stale, was_stale, moved)
             old, (values, ticks) = (self.values, self.ticks), self._spare
             moved = moved[0] * self.factor, moved[1] * self.factor
-            roll_into(values.reshape(side, side, 5), old[0].reshape(side, side, 5), moved)
+            roll_into(values.reshape(side, side, WIDTH), old[0].reshape(side, side, WIDTH), moved)
             roll_into(ticks.reshape(side, side), old[1].reshape(side, side), moved)
             self.values, self.ticks, self._spare = values, ticks, old
         self.window = window

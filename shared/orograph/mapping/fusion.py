@@ -7,10 +7,10 @@ import numpy as np
 from orograph.layers import CellMap
 from orograph.mapping.cells import map_of, values_of
 from orograph.mapping.fusion_kernels import fuse_cells
-from orograph.mapping.rules import SLOPE_MAX, FusionRules
+from orograph.rules import SLOPE_MAX, Rules
 
 
-def fuse(old: CellMap, new: CellMap, rules: FusionRules, slope_max: float | None = SLOPE_MAX) -> CellMap:
+def fuse(old: CellMap, new: CellMap, rules: Rules, slope_max: float | None = SLOPE_MAX) -> CellMap:
     """A new map of two over one grid whose confidences have decayed already; given layers are those of `old`.
 
     Occupation follows from the fused gradients and `slope_max`; with None it is fused like height (map level).
@@ -18,5 +18,5 @@ def fuse(old: CellMap, new: CellMap, rules: FusionRules, slope_max: float | None
     assert old.grid == new.grid, (old.grid, new.grid)
     values, same_time = values_of(old), np.zeros(old.grid.size, np.uint32)
     everywhere = np.arange(old.grid.size)
-    fuse_cells(values, same_time, everywhere, values_of(new), same_time, rules.numbers(slope_max))
+    fuse_cells(values, same_time, everywhere, values_of(new), same_time, rules.real(slope_max))
     return map_of(values, old.grid, (old.gps_quality, old.communications))

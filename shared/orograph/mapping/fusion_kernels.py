@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from orograph.layers import CONFIDENCE, GRADIENT_X, GRADIENT_Y, HEIGHT, OCCUPATION
+
 HIGH = 128.0
 """Both at least this confident and still different: the environment has changed (8/16)."""
 CLEAR_DIFFERENCE = 2.0 / 16.0 * 255.0
@@ -45,11 +47,18 @@ def newer_wins(c_old: float, c_new: float, printed: bool) -> bool:
     return c_new >= c_old
 
 
+@njit(cache=True)
+def real4(cell: Any) -> Any:
+    """(height, gradient_x, gradient_y, occupation) of a cell's values, as float64."""
+    slopes = np.float64(cell[GRADIENT_X]), np.float64(cell[GRADIENT_Y])
+    return np.float64(cell[HEIGHT]), slopes[0], slopes[1], np.float64(cell[OCCUPATION])
+
+
 @njit(cache=True, error_model="numpy")
 def fuse_pair(old: Any, c_old: float, new: Any, c_new: float, rules: Any) -> Any:
     """(height, gradient_x, gradient_y, occupation, confidence) of two cells, confidences decayed already."""
-    h1, gx1, gy1, o1 = np.float64(old[0]), np.float64(old[1]), np.float64(old[2]), np.float64(old[3])
-    h2, gx2, gy2, o2 = np.float64(new[0]), np.float64(new[1]), np.float64(new[2]), np.float64(new[3])
+    h1, gx1, gy1, o1 = real4(old)
+    h2, gx2, gy2, o2 = real4(new)
     if c_new <= 0.0:
         return h1, gx1, gy1, o1, c_old
     if c_old <= 0.0:
@@ -70,7 +79,7 @@ def fuse_pair(old: Any, c_old: float, new: Any, c_new: float, rules: Any) -> Any
 
 @njit(cache=True, error_model="numpy")
 def fuse_cells(values: Any, ticks: Any, cells: Any, incoming: Any, incoming_ticks: Any, rules: Any) -> None:
-    """Fuse `incoming` (k, 5) of ticks (k,) [ms] into `values` (n, 5) and `ticks` (n,) at `cells` (k,), in place.
+    """Fuse `incoming` (k, WIDTH) of ticks (k,) [ms] into `values` (n, WIDTH), `ticks` (n,) at `cells` (k,), in place.
 
     The older of two cells decays to the newer one's tick first; of equal ticks the incoming one counts as newer.
     """
@@ -78,20 +87,19 @@ def fuse_cells(values: Any, ticks: Any, cells: Any, incoming: Any, incoming_tick
     for i in range(cells.shape[0]):
         held, came = values[cells[i]], incoming[i]
         age = np.int64(incoming_ticks[i]) - np.int64(ticks[cells[i]])
-        if held[4] <= 0.0:
+        if held[CONFIDENCE] <= 0.0:
             held[:] = came
             ticks[cells[i]] = incoming_ticks[i]
             continue
-        if came[4] <= 0.0:
+        if came[CONFIDENCE] <= 0.0:
             continue
         place = (abs(age) // 100) % AGES_KEPT
         if ages[place] != abs(age):
             ages[place], decays[place] = abs(age), 2.0 ** (-abs(age) / rules.half_life_ms)
         decay = decays[place]
         if age >= 0:
-            fused = fuse_pair(held, held[4] * decay, came, np.float64(came[4]), rules)
+            fused = fuse_pair(held, held[CONFIDENCE] * decay, came, np.float64(came[CONFIDENCE]), rules)
             ticks[cells[i]] = incoming_ticks[i]
         else:
-            fused = fuse_pair(came, came[4] * decay, held, np.float64(held[4]), rules)
-        for layer in range(5):
-            held[layer] = fused[layer]
+            fused = fuse_pair(came, came[CONFIDENCE] * decay, held, np.float64(held[CONFIDENCE]), rules)
+        held[HEIGHT], held[GRADIENT_X], held[GRADIENT_Y], held[OCCUPATION], held[CONFIDENCE] = fused

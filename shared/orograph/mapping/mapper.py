@@ -9,19 +9,18 @@ import numpy.typing as npt
 
 from orograph.arrays import F32, F64
 from orograph.grid import Grid
-from orograph.layers import CellMap
-from orograph.mapping.cells import Cells, Given, Values, cut, map_of, unknown_values, values_of
+from orograph.layers import CONFIDENCE, CellMap
+from orograph.mapping.cells import Cells, Given, Values, cut, map_of, unknown_values
 from orograph.mapping.evidence import Evidence
 from orograph.mapping.fusion import fuse
 from orograph.mapping.occupancy import Codes, OccupancyView
 from orograph.mapping.reconstruction import DROP_REASONS, Reconstructor
-from orograph.mapping.register_kernels import pack_cells
 from orograph.mapping.rescaling import expand, rescale
-from orograph.mapping.rules import SLOPE_MAX, FusionRules
 from orograph.mapping.updates import Held
 from orograph.messages import UPDATE, Packed
 from orograph.points import points_from_ranges
-from orograph.registers import unpack
+from orograph.registers import pack, values
+from orograph.rules import SLOPE_MAX, Rules
 from orograph.stages import Stage, untimed
 
 
@@ -29,7 +28,7 @@ class RobotMapper:
     """Own evidence in a rolling HRM, its LLRM, and which of its cells the Map Manager should hear of."""
 
     def __init__(
-        self, glrm_grid: Grid, hrm_cells: int, per_glrm_cell: int, rules: FusionRules, range_max_m: float,
+        self, glrm_grid: Grid, hrm_cells: int, per_glrm_cell: int, rules: Rules, range_max_m: float,
         slope_max: float = SLOPE_MAX, given: Given | None = None, stage: Stage = untimed,
     ) -> None:  # fmt: skip
         """`given`: the GLRM's gps_quality and communications layers; `stage` times the rows of the paper's Table 2."""
@@ -37,7 +36,7 @@ class RobotMapper:
         self._reconstructor = Reconstructor(hrm_cells**2, range_max_m, slope_max, stage)
         self._rules, self._slope_max, self._stage = rules, slope_max, stage
         self._given = map_of(unknown_values(glrm_grid.size), glrm_grid, given)
-        self._fine_rules, self._coarse_rules = rules.numbers(slope_max), rules.numbers(None)
+        self._fine_rules, self._coarse_rules = rules.real(slope_max), rules.real(None)
         self._acknowledged = Held(glrm_grid.size)
         self._planning = OccupancyView(self._evidence, self._fine_rules)
 
@@ -82,13 +81,13 @@ class RobotMapper:
         """
         row = row[row["confidence"] > 0]
         cells = row["cell"].astype(np.int64)
-        values = values_of(unpack(row, self._evidence.glrm))[cells]
+        told = values(row).astype(np.float32)
         ticks = row["tick"].astype(np.uint32)
         if fuse:
-            self._evidence.fuse_coarse(cells, values, ticks, self._fine_rules, self._coarse_rules)
+            self._evidence.fuse_coarse(cells, told, ticks, self._fine_rules, self._coarse_rules)
         else:
-            missing = self._evidence.coarse[cells, -1] <= 0
-            self._evidence.put(cells[missing], values[missing], ticks[missing])
+            missing = self._evidence.coarse[cells, CONFIDENCE] <= 0
+            self._evidence.put(cells[missing], told[missing], ticks[missing])
         held = np.zeros(len(row), UPDATE)
         for name in UPDATE.names or ():
             held[name] = row[name]
@@ -120,8 +119,8 @@ class RobotMapper:
     def planning_occupation(self, prior: Values, told: Codes) -> Codes:
         """Occupation codes (rows, cols): of `hrm` over `prior`; of `told` (codes) where there is no evidence.
 
-        Prior (cells, 5) and told (cells,) are whole GLRMs; nobody writes into `prior` afterwards. `told` may hold this
-        robot's own evidence: it is never fused with it.
+        Prior (cells, WIDTH) and told (cells,) are whole GLRMs; nobody writes into `prior` afterwards. `told` may hold
+        this robot's own evidence: it is never fused with it.
         """
         return self._planning.codes(prior, told)
 
@@ -150,6 +149,4 @@ class RobotMapper:
         return cut(glrm, *self._evidence.window, self._evidence.llrm_grid.shape)
 
     def _registers_of(self, cells: Cells) -> Packed:
-        records = np.zeros(len(cells), UPDATE)
-        pack_cells(cells, self._evidence.coarse, self._evidence.coarse_ticks, records)
-        return records
+        return pack(cells, self._evidence.coarse_ticks[cells], self._evidence.coarse[cells])

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from orograph.layers import UNKNOWN_OCCUPATION
 from orograph.mapping.cells import Values
 from orograph.mapping.evidence import Evidence
 from orograph.mapping.occupancy_kernels import planning_codes
 from orograph.mapping.rolling import roll_into
-from orograph.mapping.rules import RuleNumbers
-from orograph.messages import UNKNOWN_OCCUPATION
+from orograph.rules import RealRules
 
 Codes = npt.NDArray[np.uint8]
 """Occupation in 1/254, 255 unknown."""
@@ -19,7 +19,7 @@ Codes = npt.NDArray[np.uint8]
 class OccupancyView:
     """Occupation codes over the evidence's window, which roll with it; only what changed is computed."""
 
-    def __init__(self, evidence: Evidence, rules: RuleNumbers) -> None:
+    def __init__(self, evidence: Evidence, rules: RealRules) -> None:
         self._evidence, self._rules = evidence, rules
         side, blocks = evidence.blocks * evidence.factor, evidence.blocks
         self._codes: Codes = np.full((side, side), UNKNOWN_OCCUPATION, np.uint8)
@@ -28,7 +28,7 @@ class OccupancyView:
         self._prior: Values | None = None
 
     def codes(self, prior: Values, told: Codes) -> Codes:
-        """Codes (rows, cols) of the evidence over `prior` (cells, 5), of `told` (cells,) where there is no evidence."""
+        """Codes (rows, cols) of evidence over `prior` (cells, WIDTH), of `told` (cells,) where there is no evidence."""
         evidence = self._evidence
         assert evidence.window is not None, "no scan yet"
         self._roll_to(evidence.window)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from orograph.layers import CONFIDENCE, OCCUPATION_ONE, UNKNOWN_OCCUPATION
 from orograph.mapping.fusion_kernels import fuse_pair
-from orograph.messages import OCCUPATION_ONE, UNKNOWN_OCCUPATION
 
 
 @njit(cache=True)
@@ -23,14 +23,15 @@ def planning_codes(
     values: Any, prior: Any, told: Any, glrm_shape: Any, window: Any, factor: int, rules: Any, stale: Any,
     told_codes: Any, codes: Any,
 ) -> None:  # fmt: skip
-    """Occupation codes (rows, cols) of fine `values` (rows * cols, 5) over coarse `prior`; of `told` where unknown.
+    """Occupation codes (rows, cols) of fine `values` (rows * cols, WIDTH) over coarse `prior`; of `told` where unknown.
 
-    `window` is the (row, col) of the fine map's first block in the coarse `prior` (cells, 5) and `told` (cells,) of
+    `window` is the (row, col) of the fine map's first block in the coarse `prior` (cells, WIDTH) and `told` (cells,) of
     `glrm_shape`. A block that is `stale` (blocks,) is made anew; where only its code in `told_codes` (blocks,) is
     another now, its unknown cells are. Both are brought up to date in place.
     """
     cols = codes.shape[1]
-    nothing = np.array([np.nan, np.nan, np.nan, np.nan, 0.0], np.float32)
+    nothing = np.full(prior.shape[1], np.nan, np.float32)
+    nothing[CONFIDENCE] = 0.0
     for block in range(stale.shape[0]):
         block_row = block // (cols // factor)
         block_col = block - block_row * (cols // factor)
@@ -45,8 +46,8 @@ def planning_codes(
         for r in range(block_row * factor, (block_row + 1) * factor):
             for c in range(block_col * factor, (block_col + 1) * factor):
                 own = values[r * cols + c]
-                if own[4] <= 0.0:
+                if own[CONFIDENCE] <= 0.0:
                     codes[r, c] = told_code
                 elif known_too:
-                    fused = fuse_pair(under, np.float64(under[4]), own, np.float64(own[4]), rules)
+                    fused = fuse_pair(under, np.float64(under[CONFIDENCE]), own, np.float64(own[CONFIDENCE]), rules)
                     codes[r, c] = occupation_code(float(np.float32(fused[3])))

@@ -12,7 +12,7 @@ from orograph.grid import Grid
 from orograph.layers import CellMap
 from orograph.mapping import reconstruction_kernels as kernels
 from orograph.mapping.cells import Cells, Values, map_of, unknown_values
-from orograph.mapping.rules import SLOPE_MAX
+from orograph.rules import SLOPE_MAX
 from orograph.stages import Stage, untimed
 
 DROP_REASONS = ("not_finite", "beyond_range", "outside_grid")
@@ -40,7 +40,7 @@ class _Workspace(NamedTuple):
             np.full(cells, kernels.NONE, np.uint32), np.empty(points, np.uint32), np.empty(points, np.uint32),
             np.empty(points, np.uint8), np.empty(points), np.empty(points), np.empty(slots, np.int64),
             np.empty(slots, np.uint32), np.empty(slots), np.empty((slots, 8)), np.empty(slots, np.int64),
-            np.empty(slots), np.empty((slots, 5), np.float32),
+            np.empty(slots), unknown_values(slots),
         )  # fmt: skip
 
 
@@ -55,7 +55,7 @@ class Reconstructor:
         """Points dropped so far, in the order of DROP_REASONS."""
 
     def aux(self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], grid: Grid) -> tuple[Cells, Values]:
-        """Cells (k,) of `grid` that points (n, 3) fell into and their values (k, 5), valid until the next call."""
+        """Cells (k,) of `grid` that points (n, 3) fell into and their values (k, WIDTH), valid until the next call."""
         assert points.shape == (len(ranges_m), 3) and grid.size == self._cells, (points.shape, grid)
         xyz, ranges_m = np.ascontiguousarray(points.T, np.float64), np.ascontiguousarray(ranges_m)
         if len(points) > len(self._workspace.slot_of_point):

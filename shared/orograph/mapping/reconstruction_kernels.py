@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from orograph.layers import CONFIDENCE, GRADIENT_X, GRADIENT_Y, HEIGHT, OCCUPATION
+
 NOT_FINITE, BEYOND_RANGE, OUTSIDE_GRID = 0, 1, 2
 NONE = np.uint32(0xFFFF_FFFF)
 """Of a point: dropped; of a cell: no slot."""
@@ -33,7 +35,7 @@ def heights(
     slots = fill_slots(xyz[2], w)
     for slot in range(slots):
         height[slot] /= count[slot]
-        values[slot, 0] = height[slot]
+        values[slot, HEIGHT] = height[slot]
     return slots
 
 
@@ -159,10 +161,10 @@ def gradients(zs: Any, slots: int, cell_m: float, rows: int, cols: int, w: Any) 
         spread = 0.5 * (xx + yy) - math.sqrt(half_difference * half_difference + xy * xy)
         if n >= 3.0 and spread >= spread_min:
             xz, yz, det = m[4] / n, m[5] / n, (xx * yy - xy * xy) * cell_m
-            values[slot, 1], values[slot, 2] = (xz * yy - yz * xy) / det, (yz * xx - xz * xy) / det
+            values[slot, GRADIENT_X], values[slot, GRADIENT_Y] = (xz * yy - yz * xy) / det, (yz * xx - xz * xy) / det
         else:
             slopes = neighbours_slopes(slot, cell_of_slot[slot], cell_m, rows, cols, slot_of_cell, height)
-            values[slot, 1], values[slot, 2] = slopes
+            values[slot, GRADIENT_X], values[slot, GRADIENT_Y] = slopes
 
 
 @njit(cache=True, error_model="numpy")
@@ -186,16 +188,16 @@ def confidences(ranges_m: Any, slots: int, range_max_m: float, w: Any) -> None:
         bits = (bits & 0x3333) + ((bits >> 2) & 0x3333)
         bits = (bits + (bits >> 4)) & 0x0F0F
         hit_sub_cells = (bits + (bits >> 8)) & 0x1F
-        values[slot, 4] = 255.0 * (hit_sub_cells / 16.0) * (weight[slot] / count[slot])
+        values[slot, CONFIDENCE] = 255.0 * (hit_sub_cells / 16.0) * (weight[slot] / count[slot])
 
 
 @njit(cache=True, error_model="numpy")
 def occupations(slots: int, slope_max: float, values: Any) -> None:
     """Section 2.3: slope over the largest passable one, at most 1; NaN where a gradient is unknown."""
     for slot in range(slots):
-        gx, gy = np.float64(values[slot, 1]), np.float64(values[slot, 2])
+        gx, gy = np.float64(values[slot, GRADIENT_X]), np.float64(values[slot, GRADIENT_Y])
         share = math.sqrt(gx * gx + gy * gy) / slope_max
-        values[slot, 3] = 1.0 if share > 1.0 else share
+        values[slot, OCCUPATION] = 1.0 if share > 1.0 else share
 
 
 @njit(cache=True)

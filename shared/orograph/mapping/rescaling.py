@@ -23,5 +23,5 @@ def rescale(fine: CellMap, factor: int) -> CellMap:
 
 def expand(coarse: CellMap, factor: int) -> CellMap:
     """The same map on cells `factor` times smaller, each with its coarse cell's values."""
-    layers = [np.repeat(np.repeat(layer, factor, axis=0), factor, axis=1) for _, layer in coarse.layers()]
-    return CellMap(coarse.grid.refined(factor), *layers)
+    fine = {name: np.repeat(np.repeat(layer, factor, axis=0), factor, axis=1) for name, layer in coarse.layers()}
+    return CellMap(coarse.grid.refined(factor), fine)

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from orograph.layers import CONFIDENCE, GRADIENT_X, GRADIENT_Y, HEIGHT, OCCUPATION
+
 
 @njit(cache=True, error_model="numpy")
 def rescale_block(values: Any, ticks: Any, cols: int, factor: int, first: int, coarse: Any) -> Any:
-    """Set `coarse` (5,) from the factor x factor fine cells from cell `first` on; returns their newest tick.
+    """Set `coarse` (WIDTH,) from the factor x factor fine cells from cell `first` on; returns their newest tick.
 
     Confidence-weighted means over known cells; confidence is the sum over the number of cells.
     """
@@ -20,10 +22,11 @@ def rescale_block(values: Any, ticks: Any, cols: int, factor: int, first: int, c
     of_height = of_x = of_y = of_occupation = 0.0
     for row in range(factor):
         for cell in range(first + row * cols, first + row * cols + factor):
-            c = np.float64(values[cell, 4])
+            c = np.float64(values[cell, CONFIDENCE])
             if c <= 0.0:
                 continue
-            h, gx, gy, o = values[cell, 0], values[cell, 1], values[cell, 2], values[cell, 3]
+            h, gx = values[cell, HEIGHT], values[cell, GRADIENT_X]
+            gy, o = values[cell, GRADIENT_Y], values[cell, OCCUPATION]
             confidence += c
             newest = max(newest, ticks[cell])
             height, of_height = (height, of_height) if math.isnan(h) else (height + c * h, of_height + c)
@@ -31,15 +34,15 @@ def rescale_block(values: Any, ticks: Any, cols: int, factor: int, first: int, c
             gradient_y, of_y = (gradient_y, of_y) if math.isnan(gy) else (gradient_y + c * gy, of_y + c)
             if not math.isnan(o):
                 occupation, of_occupation = occupation + c * o, of_occupation + c
-    coarse[0], coarse[1] = height / of_height, gradient_x / of_x  # 0 / 0: unknown in every cell
-    coarse[2], coarse[3] = gradient_y / of_y, occupation / of_occupation
-    coarse[4] = confidence / (factor * factor)
+    coarse[HEIGHT], coarse[GRADIENT_X] = height / of_height, gradient_x / of_x  # 0 / 0: unknown in every cell
+    coarse[GRADIENT_Y], coarse[OCCUPATION] = gradient_y / of_y, occupation / of_occupation
+    coarse[CONFIDENCE] = confidence / (factor * factor)
     return newest
 
 
 @njit(cache=True)
 def rescale_map(values: Any, cols: int, factor: int, coarse: Any) -> None:
-    """Values (k, 5) of all blocks of a map (n, 5) of `cols` columns, row by row."""
+    """Values (k, WIDTH) of all blocks of a map (n, WIDTH) of `cols` columns, row by row."""
     no_ticks = np.zeros(values.shape[0], np.uint32)
     block_cols = cols // factor
     for block in range(coarse.shape[0]):
@@ -85,7 +88,7 @@ def rescale_marked(
 
 @njit(cache=True)
 def expand_blocks(coarse: Any, coarse_ticks: Any, cols: int, factor: int, blocks: Any, values: Any, ticks: Any) -> None:
-    """Set every fine cell of `blocks` (k,) to its block's coarse values (k, 5) and ticks (k,), in place."""
+    """Set every fine cell of `blocks` (k,) to its block's coarse values (k, WIDTH) and ticks (k,), in place."""
     block_cols = cols // factor
     for i in range(blocks.shape[0]):
         first = (blocks[i] // block_cols) * factor * cols + (blocks[i] % block_cols) * factor

@@ -4,10 +4,25 @@ from __future__ import annotations
 
 import numpy as np
 
-from orograph.mapping.register_kernels import moved_enough
+from orograph.arrays import Mask
+from orograph.layers import CONFIDENCE, MAPPED, MAPPED_LAYERS
 from orograph.messages import UPDATE, Packed
+from orograph.register_kernels import moved_enough
+from orograph.registers import UNKNOWN, numbers
 
-VALUE_FIELDS = ("tick", "height", "gradient_x", "gradient_y", "occupation", "confidence")
+VALUE_FIELDS = ("tick", *MAPPED_LAYERS)
+_MOVED = np.array([kind.moved for kind in MAPPED])
+
+
+def moved(new: Packed, held: Packed) -> Mask:
+    """Which registers `new` (n,) are of first sight, or away from those held (n,) by more than a layer's threshold.
+
+    To become known or unknown is to move.
+    """
+    here, there = numbers(new), numbers(held)
+    far: Mask = moved_enough(here, there, _MOVED, UNKNOWN)
+    first: Mask = there[:, CONFIDENCE] == 0
+    return far | first
 
 
 class Held:
@@ -25,8 +40,8 @@ class Held:
         return np.compress(self._records["confidence"] > 0, self._records)
 
     def moved(self, records: Packed) -> Packed:
-        """Those of first sight, or moved from what is held: height > 0.1 m, occupation > 0.1, confidence > 16."""
-        return np.compress(moved_enough(records, self._records), records)
+        """Those of first sight, or moved from what is held."""
+        return np.compress(moved(records, self._records[records["cell"]]), records)
 
     def differing(self, records: Packed) -> Packed:
         """Those that differ at all, tick included, from what is held."""

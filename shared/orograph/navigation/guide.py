@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from orograph.arrays import F64, U1
-from orograph.messages import SECOND_NS, UNKNOWN_OCCUPATION, OccupancyGrid
+from orograph.layers import UNKNOWN_OCCUPATION
+from orograph.messages import SECOND_NS, OccupancyGrid
 from orograph.navigation.planner import (
     BLOCKED,
     LocalPath,

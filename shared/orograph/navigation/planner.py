@@ -14,7 +14,8 @@ import numpy as np
 
 from orograph.arrays import F64, I64, U1, Mask
 from orograph.grid import Grid
-from orograph.messages import OCCUPATION_ONE, UNKNOWN_OCCUPATION, OccupancyGrid
+from orograph.layers import OCCUPATION_ONE, UNKNOWN_OCCUPATION
+from orograph.messages import OccupancyGrid
 from orograph.navigation.planner_kernels import blocked_cells, least_cost_path, nearest_finite, obstacle_distance
 
 PointXY = tuple[float, float]

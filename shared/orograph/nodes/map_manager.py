@@ -11,10 +11,10 @@ import numpy.typing as npt
 from orograph import keys
 from orograph.messages import Envelope, Frame, ManagerStatus, Message
 from orograph.node import Note, Send
-from orograph.protocol.fold import FoldRules
 from orograph.protocol.limits import LIMITS, Limits
 from orograph.protocol.manager import ManagerSync
 from orograph.protocol.store import Store
+from orograph.rules import Rules
 from orograph.scenario import Scenario
 from orograph.scene.prior import prior_records
 from orograph.stages import Stage, untimed
@@ -33,7 +33,7 @@ class MapManagerNode:
         self.name = keys.node(keys.MANAGER)
         grid, self._robots = scenario.grid.grid, robots
         self._prior = prior_records(scenario)
-        self._sync = ManagerSync(grid.shape, self._prior, FoldRules.of(scenario.rules), store, robots, stage, limits)
+        self._sync = ManagerSync(grid.shape, self._prior, Rules.of(scenario.rules), store, robots, stage, limits)
         self._status_due_ns = 0
         self._coverage: list[tuple[int, int, int]] = []
 

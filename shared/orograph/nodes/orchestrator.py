@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph import keys
+from orograph.layers import OCCUPATION_ONE
 from orograph.messages import (
-    OCCUPATION_ONE,
     PHASES,
     SECOND_NS,
     Envelope,

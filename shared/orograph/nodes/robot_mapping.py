@@ -11,13 +11,12 @@ import numpy.typing as npt
 
 from orograph import keys
 from orograph.geometry import ray_directions, rotation
-from orograph.layers import CellMap
-from orograph.mapping import FusionRules, RobotMapper
+from orograph.layers import UNKNOWN_OCCUPATION, CellMap
+from orograph.mapping import RobotMapper
 from orograph.mapping.cells import values_of
 from orograph.mapping.occupancy import Codes
 from orograph.mapping.updates import Held
-from orograph.messages import (
-    UNKNOWN_OCCUPATION,
+from orograph.messages import (  # fmt: skip
     Envelope,
     Frame,
     Hello,
@@ -28,11 +27,12 @@ from orograph.messages import (
     Phase,
     Pose,
     Scan,
-)  # fmt: skip
+)
 from orograph.node import Note, Send
 from orograph.protocol.limits import LIMITS, Limits
 from orograph.protocol.robot import RobotSync
 from orograph.registers import unpack
+from orograph.rules import Rules
 from orograph.scenario import Scenario
 from orograph.scene.prior import given_layers, prior_records
 from orograph.stages import Stage, untimed
@@ -56,7 +56,7 @@ class RobotMappingNode:
         grid, prior = scenario.grid.grid, prior_records(scenario)
         given = given_layers(scenario)
         self._mapper = RobotMapper(
-            grid, scenario.hrm.cells, scenario.hrm.per_glrm_cell, FusionRules.of(scenario.rules),
+            grid, scenario.hrm.cells, scenario.hrm.per_glrm_cell, Rules.of(scenario.rules),
             scenario.laser.range_max_m, scenario.robot.slope_max, given, stage,
         )  # fmt: skip
         self._prior = unpack(prior, grid, *given)

@@ -8,9 +8,8 @@ import numpy as np
 
 from orograph.arrays import I64
 from orograph.grid import Grid
-from orograph.layers import CellMap, Layer
+from orograph.layers import MAPPED_LAYERS, CellMap, Layer
 from orograph.messages import CELL, CellsRequest, Delta, Digest, Packed
-from orograph.protocol.fold import VALUES
 from orograph.protocol.tiles import TileHashes, Tiles, map_hash
 from orograph.registers import unpack
 
@@ -31,7 +30,7 @@ class GlrmCopy:
     def __init__(self, shape: tuple[int, int], prior: Packed) -> None:
         self.cells = np.zeros(len(prior), CELL)
         self.cells["cell"] = prior["cell"]
-        for name in VALUES:
+        for name in MAPPED_LAYERS:
             self.cells[name] = prior[name]
         self._tiles = Tiles(shape)
         self._hashes = TileHashes(self._tiles, self.cells)

@@ -5,13 +5,19 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from orograph.arrays import I64
-from orograph.messages import UNKNOWN_GRADIENT, UNKNOWN_OCCUPATION
+from orograph.layers import (
+    CONFIDENCE,
+    GRADIENT_X,
+    GRADIENT_Y,
+    HEIGHT,
+    OCCUPATION,
+    UNKNOWN_GRADIENT,
+    UNKNOWN_OCCUPATION,
+)
 
-Records = npt.NDArray[Any]
 Whole = Any
 """A signed 64-bit integer; never mix in an unsigned one, numba would go to floating point."""
 
@@ -71,14 +77,14 @@ def _newer_wins(confidence_new: Whole, confidence_old: Whole, printed: bool) -> 
 
 
 @njit(cache=True)
-def _order_by_tick(registers: Records, i: Whole, order: I64) -> Whole:
+def _order_by_tick(registers: I64, ticks: I64, i: Whole, order: I64) -> Whole:
     """Rows with evidence in column i, oldest first (rows already ascend by robot, the sort is stable); their number."""
     n = 0
     for k in range(registers.shape[0]):
-        if registers[k, i].confidence == 0:
+        if registers[k, i, CONFIDENCE] == 0:
             continue
         j = n
-        while j > 0 and registers[order[j - 1], i].tick > registers[k, i].tick:
+        while j > 0 and ticks[order[j - 1], i] > ticks[k, i]:
             order[j] = order[j - 1]
             j -= 1
         order[j] = k
@@ -87,39 +93,43 @@ def _order_by_tick(registers: Records, i: Whole, order: I64) -> Whole:
 
 
 @njit(cache=True)
-def fold_cells(
-    prior: Records, registers: Records, half_life_ms: Whole, height_gate_mm: Whole, tangent_n: Whole, tangent_d: Whole,
-    printed: bool, ageing: I64, out: Records,
-) -> None:  # fmt: skip
-    """Fold `registers` (robots, n), rows by robot number, confidence 0 is none, over `prior` (n,) into `out` (n,)."""
+def _similar(held: I64, new: I64, rules: Any) -> Whole:
+    if rules.height_gate_mm >= 0 and abs(new[HEIGHT] - held[HEIGHT]) > rules.height_gate_mm:
+        return False
+    return _similar_slopes(held[GRADIENT_X], new[GRADIENT_X], rules.similar_n, rules.similar_d) and _similar_slopes(
+        held[GRADIENT_Y], new[GRADIENT_Y], rules.similar_n, rules.similar_d
+    )
+
+
+@njit(cache=True)
+def fold_cells(prior: I64, registers: I64, ticks: I64, rules: Any, ageing: I64, out: I64) -> None:
+    """Fold `registers` (robots, n, WIDTH) of `ticks` (robots, n) over `prior` (n, WIDTH) into `out` (n, WIDTH).
+
+    Rows are by robot number; confidence 0 is none. `rules` are `WholeRules`.
+    """
     order = np.empty(registers.shape[0], np.int64)
     for i in range(prior.shape[0]):
-        height: Whole = np.int64(prior[i].height)
-        slope_x: Whole = np.int64(prior[i].gradient_x)
-        slope_y: Whole = np.int64(prior[i].gradient_y)
-        occupation: Whole = np.int64(prior[i].occupation)
-        confidence: Whole = np.int64(prior[i].confidence) * ONE
-        n = _order_by_tick(registers, i, order)
-        newest_tick = np.int64(registers[order[n - 1], i].tick) if n else 0
+        held = out[i]
+        held[:] = prior[i]
+        confidence: Whole = held[CONFIDENCE] * ONE
+        n = _order_by_tick(registers, ticks, i, order)
+        newest_tick = ticks[order[n - 1], i] if n else 0
         for j in range(n):
             new = registers[order[j], i]
-            weight = _aged(np.int64(new.confidence) * ONE, newest_tick - np.int64(new.tick), half_life_ms, ageing)
+            age_ms = newest_tick - ticks[order[j], i]
+            weight = _aged(new[CONFIDENCE] * ONE, age_ms, rules.half_life_ms, ageing)
             if weight == 0:
                 continue
-            new_height, new_x, new_y = np.int64(new.height), np.int64(new.gradient_x), np.int64(new.gradient_y)
-            new_occupation = np.int64(new.occupation)
-            similar = (
-                (height_gate_mm < 0 or abs(new_height - height) <= height_gate_mm)
-                and _similar_slopes(slope_x, new_x, tangent_n, tangent_d)
-                and _similar_slopes(slope_y, new_y, tangent_n, tangent_d)
-            )
-            if confidence > 0 and similar:
-                height = _mean(height, confidence, new_height, weight)
-                slope_x = _mean_of_known(slope_x, confidence, new_x, weight, UNKNOWN_GRADIENT)
-                slope_y = _mean_of_known(slope_y, confidence, new_y, weight, UNKNOWN_GRADIENT)
-                occupation = _mean_of_known(occupation, confidence, new_occupation, weight, UNKNOWN_OCCUPATION)
+            if confidence > 0 and _similar(held, new, rules):
+                held[HEIGHT] = _mean(held[HEIGHT], confidence, new[HEIGHT], weight)
+                for k, unknown in (
+                    (GRADIENT_X, UNKNOWN_GRADIENT),
+                    (GRADIENT_Y, UNKNOWN_GRADIENT),
+                    (OCCUPATION, UNKNOWN_OCCUPATION),
+                ):
+                    held[k] = _mean_of_known(held[k], confidence, new[k], weight, unknown)
                 confidence = min(CONFIDENCE_MAX, confidence + weight)
-            elif confidence == 0 or _newer_wins(weight, confidence, printed):
-                height, slope_x, slope_y, occupation, confidence = new_height, new_x, new_y, new_occupation, weight
-        out[i].height, out[i].gradient_x, out[i].gradient_y = height, slope_x, slope_y
-        out[i].occupation, out[i].confidence = occupation, (confidence + ONE // 2) // ONE
+            elif confidence == 0 or _newer_wins(weight, confidence, rules.printed):
+                held[:] = new
+                confidence = weight
+        held[CONFIDENCE] = (confidence + ONE // 2) // ONE

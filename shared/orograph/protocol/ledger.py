@@ -8,10 +8,11 @@ import numpy as np
 
 from orograph.arrays import I64
 from orograph.layers import CONFIDENT
-from orograph.messages import REGISTER, Packed
-from orograph.protocol.fold import ROBOT_REGISTER, FoldRules, fold, same_values, whole_prior
+from orograph.messages import REGISTER, ROBOT_REGISTER, Packed
+from orograph.protocol.fold import fold, same_values, whole_prior
 from orograph.protocol.store import CONFIDENT as CONFIDENT_RECORD
 from orograph.protocol.store import StoredState
+from orograph.rules import Rules
 
 
 def newest_per_cell(rows: Packed) -> Packed:
@@ -24,7 +25,7 @@ def newest_per_cell(rows: Packed) -> Packed:
 class Ledger:
     """Registers by robot number, the GLRM (`glrm`, CELL with versions) and when each cell became confident."""
 
-    def __init__(self, prior: Packed, size: int, rules: FoldRules, held: StoredState) -> None:
+    def __init__(self, prior: Packed, size: int, rules: Rules, held: StoredState) -> None:
         self._prior, self._rules, self._size = whole_prior(prior, size), rules, size
         self._rows: dict[int, Packed] = {}
         for robot in sorted(held.registers):

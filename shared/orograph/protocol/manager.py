@@ -15,12 +15,12 @@ from orograph.messages import ACKED, REGISTER, UPDATE, Ack, Batch, CellsRequest,
 from orograph.node import Note
 from orograph.protocol.downlink import Downlink, SendTo
 from orograph.protocol.epochs import Epochs
-from orograph.protocol.fold import FoldRules
 from orograph.protocol.ledger import Ledger
 from orograph.protocol.limits import LIMITS, Limits
 from orograph.protocol.store import Changes, Granted, Store, StoreFull
 from orograph.protocol.tiles import Tiles, map_hash
 from orograph.protocol.validate import fault
+from orograph.rules import Rules
 from orograph.stages import Stage, untimed
 
 REASONS_NOTED_MAX = 1_000
@@ -48,7 +48,7 @@ class ManagerSync:
     """
 
     def __init__(
-        self, shape: tuple[int, int], prior: Packed, rules: FoldRules, store: Store, robots: Sequence[str],
+        self, shape: tuple[int, int], prior: Packed, rules: Rules, store: Store, robots: Sequence[str],
         stage: Stage = untimed, limits: Limits = LIMITS,
     ) -> None:  # fmt: skip
         held, self._limits = store.load(), limits

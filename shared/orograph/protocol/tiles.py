@@ -9,16 +9,16 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph.arrays import I64, U1
+from orograph.layers import MAPPED_LAYERS
 from orograph.messages import TILE_CELLS, Packed
-from orograph.protocol.fold import VALUES
 
 HASH_BYTES = 16
 
 
 def map_hash(cells: Packed) -> bytes:
-    """blake2b-128 over the canonical little-endian arrays height, gradient_x, gradient_y, occupation, confidence."""
+    """blake2b-128 over the canonical little-endian arrays of the mapped layers, in their order."""
     digest = hashlib.blake2b(digest_size=HASH_BYTES)
-    for name in VALUES:
+    for name in MAPPED_LAYERS:
         digest.update(np.ascontiguousarray(cells[name]).tobytes())
     return digest.digest()
 

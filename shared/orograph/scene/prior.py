@@ -7,7 +7,7 @@ import shapely
 
 from orograph.arrays import F64
 from orograph.grid import Grid
-from orograph.layers import Layer
+from orograph.layers import MAPPED_LAYERS, Layer
 from orograph.messages import Packed
 from orograph.registers import pack
 from orograph.scenario import GivenLayer, Scenario
@@ -49,11 +49,15 @@ def prior_records(scenario: Scenario) -> Packed:
     roof = building_cover(scenario, grid) >= COVERED
     height = ground_height_m(scenario.terrain, x, y) + np.where(roof, scenario.prior.building_height_m, 0.0)
     occupation = np.minimum(1.0, np.hypot(gradient_x, gradient_y) / scenario.robot.slope_max)
-    layers = (
-        height, np.where(roof, np.nan, gradient_x), np.where(roof, np.nan, gradient_y),
-        np.where(roof, 1.0, occupation), np.full(grid.shape, scenario.prior.confidence),
-    )  # fmt: skip
-    return pack(np.arange(grid.size), 0, *(layer.reshape(-1).astype(np.float32) for layer in layers))
+    layers = {
+        "height": height,
+        "gradient_x": np.where(roof, np.nan, gradient_x),
+        "gradient_y": np.where(roof, np.nan, gradient_y),
+        "occupation": np.where(roof, 1.0, occupation),
+        "confidence": np.full(grid.shape, scenario.prior.confidence),
+    }
+    values = np.stack([layers[name].reshape(-1) for name in MAPPED_LAYERS], axis=1)
+    return pack(np.arange(grid.size), 0, values.astype(np.float32))
 
 
 def _given(layer: GivenLayer, grid: Grid) -> Layer:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from orograph.judge import invariants
-from orograph.messages import CELL, UPDATE
-from orograph.protocol.fold import ROBOT_REGISTER
+from orograph.messages import CELL, ROBOT_REGISTER, UPDATE
 
 Register = tuple[int, int, int, int]
 

@@ -9,14 +9,13 @@ from hypothesis import strategies as st
 from oracles import mapping_oracle as oracle
 from orograph.grid import Grid
 from orograph.layers import MAPPED_LAYERS, CellMap
-from orograph.mapping import FusionRules, fuse, rescale
+from orograph.mapping import fuse, rescale
 from orograph.mapping.cells import map_of, values_of
 from orograph.mapping.fusion_kernels import fuse_cells
 from orograph.mapping.rescaling import expand
-from orograph.scenario import RulesSpec
+from orograph.rules import DEFAULT, PAPER, Rules
 
 NAN = math.nan
-PAPER, DEFAULT = FusionRules.paper(), FusionRules.default()
 
 
 def one(*cell: float) -> CellMap:
@@ -86,16 +85,10 @@ def test_different_cells_one_is_taken_whole(c_old, c_new, newer):
 
 
 def test_equation_12_as_printed_asks_the_new_confidence_only():
-    printed = FusionRules(printed_equation_12=True)
+    printed = Rules(printed_equation_12=True)
     old, new = (0.0, 0.0, 0.0, 0.25, 200.0), (9.0, 1.0, 0.0, 1.0, 180.0)
     assert fused(old, new, PAPER) == new
     assert fused(old, new, printed) == old
-
-
-def test_rules_by_name_and_by_numbers():
-    assert FusionRules.of("paper") == FusionRules() and FusionRules.of("default") == DEFAULT
-    spec = RulesSpec(half_life_s=5, height_gate_m=2, similarity_deg=20, printed_equation_12=True)
-    assert FusionRules.of(spec) == FusionRules(5, 2, 20, True)
 
 
 def test_given_layers_of_a_fused_map_are_the_old_ones():
@@ -109,11 +102,11 @@ def test_given_layers_of_a_fused_map_are_the_old_ones():
 @pytest.mark.parametrize(("held_tick", "new_tick", "height"), [(0, 60_000, 0.8), (60_000, 0, 0.2), (7, 7, 0.5)])
 def test_the_older_cell_decays_by_half_in_a_half_life(held_tick, new_tick, height):
     """0 m and 1 m of equal confidence, where the older one keeps 80 / 4 = 20 after two half-lives."""
-    rules = FusionRules(half_life_s=30.0, height_gate_m=5.0)
+    rules = Rules(half_life_s=30.0, height_gate_m=5.0)
     values = np.array([[0.0, 0.0, 0.0, 0.0, 80.0]], np.float32)
     ticks, cells = np.array([held_tick], np.uint32), np.array([0])
     new = np.array([[1.0, 0.0, 0.0, 0.0, 80.0]], np.float32)
-    fuse_cells(values, ticks, cells, new, np.array([new_tick], np.uint32), rules.numbers(0.3))
+    fuse_cells(values, ticks, cells, new, np.array([new_tick], np.uint32), rules.real(0.3))
     assert values[0, 0] == pytest.approx(height)
     assert values[0, 4] == pytest.approx(100 if height != 0.5 else 160)
     assert ticks[0] == max(held_tick, new_tick)
@@ -127,7 +120,7 @@ cell = st.tuples(st.floats(-20, 20), gradient, gradient, st.floats(0, 1) | st.ju
 RULES = [
     (PAPER, oracle.Rules()),
     (DEFAULT, oracle.Rules(60.0, 1.0)),
-    (FusionRules(1.0, 3.0, 40.0, True), oracle.Rules(1.0, 3.0, 40.0, True)),
+    (Rules(1.0, 3.0, 40.0, True), oracle.Rules(1.0, 3.0, 40.0, True)),
 ]
 
 

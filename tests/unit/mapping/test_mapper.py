@@ -7,25 +7,24 @@ from hypothesis import strategies as st
 from oracles import mapping_oracle as oracle
 from orograph.geometry import ray_directions, rotation
 from orograph.grid import Grid
-from orograph.layers import MAPPED_LAYERS, CellMap
-from orograph.mapping import FusionRules, RobotMapper, fuse, reconstruct, rescale
-from orograph.mapping.cells import values_of
-from orograph.mapping.register_kernels import pack_cells
+from orograph.layers import MAPPED_LAYERS, OCCUPATION_ONE, UNKNOWN_OCCUPATION, CellMap
+from orograph.mapping import RobotMapper, fuse, reconstruct, rescale
+from orograph.mapping.cells import map_of, values_of
 from orograph.mapping.rescaling import expand
-from orograph.messages import OCCUPATION_ONE, REGISTER, UNKNOWN_OCCUPATION, UPDATE, Packed
+from orograph.messages import REGISTER, Packed
 from orograph.registers import pack
+from orograph.rules import DEFAULT, PAPER
 from orograph.scenario import LaserSpec
 from orograph.stages import StageRecorder
 
 GLRM = Grid((0.0, 0.0), 5.0, (6, 7))
-RULES = FusionRules.default()
 SECOND_NS = 1_000_000_000
 
 
 def mapper(**changes) -> RobotMapper:
     """Windows of 3 x 3 GLRM cells of 4 x 4 HRM cells."""
     return RobotMapper(
-        **{"glrm_grid": GLRM, "hrm_cells": 12, "per_glrm_cell": 4, "rules": RULES, "range_max_m": 80.0} | changes
+        **{"glrm_grid": GLRM, "hrm_cells": 12, "per_glrm_cell": 4, "rules": DEFAULT, "range_max_m": 80.0} | changes
     )
 
 
@@ -58,7 +57,7 @@ def test_a_scan_gives_a_register_of_its_cells_own_evidence():
 
 
 def test_the_list_names_what_moved_since_it_was_acknowledged():
-    robot = mapper(rules=FusionRules.paper())
+    robot = mapper(rules=PAPER)
     first = see(robot, patch(11.25, 12.5))
     assert len(see(robot, patch(11.25, 12.5))) == 1, "not acknowledged: still worth sending"
     robot.acknowledge(first)
@@ -75,12 +74,12 @@ def test_the_list_names_what_moved_since_it_was_acknowledged():
 ])  # fmt: skip
 def test_each_threshold(field, step, listed):
     """0.1 of occupation is 25.4 / 254."""
-    robot = mapper(rules=FusionRules.paper())
+    robot = mapper(rules=PAPER)
     for _ in range(3):
         see(robot, patch(11.25, 12.5, slope=0.15))
     held = see(robot, patch(11.25, 12.5, slope=0.15))
     held[field] = held[field].astype(np.int64) + step
-    probe = mapper(rules=FusionRules.paper())
+    probe = mapper(rules=PAPER)
     for _ in range(3):
         see(probe, patch(11.25, 12.5, slope=0.15))
     probe.acknowledge(held)
@@ -173,7 +172,7 @@ def test_a_row_of_an_earlier_life_is_fused_with_what_was_seen_since():
     for k in range(8):
         see(earlier, np.vstack([patch(10 + 1.25 * k, 12.5) for k in range(4)] + [patch(27.5, 27.5)]), at=(17.0, 17.0))
     row = earlier.registers()
-    robot = mapper(rules=FusionRules.paper())
+    robot = mapper(rules=PAPER)
     see(robot, patch(11.25, 12.5), stamp_ns=2 * SECOND_NS)
     own = robot.registers()
     robot.adopt(rows(row), fuse=True)
@@ -192,9 +191,7 @@ def test_a_row_of_this_life_fills_gaps_only():
     robot = mapper()
     see(robot, patch(11.25, 12.5))
     own = robot.registers()
-    row = pack(
-        np.array([16, 17, 40]), 7, *np.array([[3, 4, 5], [0, 0, 0], [0, np.nan, 0], [0, np.nan, 1], [40, 1, 255]])
-    )
+    row = pack(np.array([16, 17, 40]), 7, np.array([[3, 0, 0, 0, 40], [4, 0, np.nan, np.nan, 1], [5, 0, 0, 1, 255]]))
     robot.adopt(rows(row), fuse=False)
     registers = robot.registers()
     np.testing.assert_array_equal(registers[:1], own)
@@ -207,10 +204,8 @@ def test_a_row_of_this_life_fills_gaps_only():
 def test_a_row_adopted_before_the_first_scan_comes_back_unchanged(fused):
     rng = np.random.default_rng(11)
     cells = np.arange(42)
-    values = [
-        rng.uniform(low, high, 42).astype(np.float32) for low, high in [(-9, 900), (-3, 3), (-3, 3), (0, 1), (1, 255)]
-    ]
-    row = pack(cells, rng.integers(0, 9000, 42), *values)
+    values = rng.uniform([-9, -3, -3, 0, 1], [900, 3, 3, 1, 255], (42, 5)).astype(np.float32)
+    row = pack(cells, rng.integers(0, 9000, 42), values)
     robot = mapper()
     robot.adopt(rows(row), fuse=fused)
     np.testing.assert_array_equal(robot.registers(), row)
@@ -226,8 +221,7 @@ def prior_map(rng: np.random.Generator) -> CellMap:
     )
     values[::5, 1:4] = np.nan
     values[::7] = np.nan, np.nan, np.nan, np.nan, 0.0
-    layers = [values[:, i].reshape(6, 7).astype(np.float32) for i in range(5)]
-    return CellMap(GLRM, np.ones((6, 7), np.float32), np.ones((6, 7), np.float32), *layers)
+    return map_of(values.astype(np.float32), GLRM)
 
 
 @pytest.mark.parametrize("at", [(12.0, 12.0), (1.0, 29.0)])
@@ -286,7 +280,7 @@ def test_planning_hears_of_every_change_though_only_what_changed_is_computed(see
         at = np.clip(at + rng.uniform(-6, 6, 2), 0, 34) if k % 4 in (0, 3) else at
         see(robot, rng.uniform([*at - 1.5, 0], [*at + 1.5, 3], (20, 3)), at, k * SECOND_NS)
         if k % 7 == 4:
-            robot.adopt(rows(pack(np.arange(42), 1, *values_of(prior_map(rng)).T))[::5], fuse=k % 2 == 0)
+            robot.adopt(rows(pack(np.arange(42), 1, values_of(prior_map(rng))))[::5], fuse=k % 2 == 0)
         prior, told = k // 14, k // 4 % 3
         if k % 5 == 2:
             continue  # nobody asks, and the window may move before the next one does
@@ -295,19 +289,6 @@ def test_planning_hears_of_every_change_though_only_what_changed_is_computed(see
         changes += last is not None and not np.array_equal(codes, last)
         last = codes
     assert changes > 25
-
-
-def test_compiled_registers_equal_the_packed_ones():
-    """Halves, bounds, unknowns and fractions; cells in any order."""
-    rng = np.random.default_rng(12)
-    values = rng.uniform([-40, -5, -5, 0, 0], [40, 5, 5, 1, 255], (500, 5)).astype(np.float32)
-    values[:6, 0] = 0.0625, -0.0625, 3e6, -3e6, 0.5, -0.5
-    values[6:9, 4] = 0.25, 0.5, 254.5
-    values[10:40:3, 1], values[10:40:2, 2], values[10:60:4, 3] = np.nan, np.nan, np.nan
-    cells, ticks = rng.permutation(500)[:300], rng.integers(0, 2**32, 500).astype(np.uint32)
-    found = np.zeros(300, UPDATE)
-    pack_cells(cells, values, ticks, found)
-    np.testing.assert_array_equal(found, pack(cells, ticks[cells], *values[cells].T))
 
 
 def test_a_range_image_is_mapped_as_its_points():
@@ -333,12 +314,12 @@ def test_a_range_image_is_mapped_as_its_points():
 
 def test_one_scan_is_reconstruct_then_fuse():
     rng = np.random.default_rng(8)
-    robot = mapper(rules=FusionRules.paper())
+    robot = mapper(rules=PAPER)
     expected = CellMap.unknown(Grid((5.0, 5.0), 1.25, (12, 12)))
     for _ in range(4):
         points = rng.uniform([5, 5, 0], [20, 20, 0.3], (300, 3))
         aux = reconstruct(points, np.full(300, 9.0), expected.grid, 80.0)
-        expected = fuse(expected, aux, FusionRules.paper())
+        expected = fuse(expected, aux, PAPER)
         robot.step(points, np.full(300, 9.0), (12.0, 12.0), 0)
     assert robot.evidence.equals(expected)
     assert expand(robot.llrm(), 4).grid == expected.grid
@@ -350,7 +331,7 @@ step = st.tuples(st.floats(-2, 36), st.floats(-2, 31), st.integers(0, 90_000), s
 @settings(max_examples=40, deadline=None)
 @given(st.lists(step, min_size=1, max_size=6), st.sampled_from([3, 4]), st.booleans())
 def test_a_whole_run_equals_the_oracle(steps, blocks, paper):
-    rules = (FusionRules.paper(), oracle.Rules()) if paper else (RULES, oracle.Rules(60.0, 1.0))
+    rules = (PAPER, oracle.Rules()) if paper else (DEFAULT, oracle.Rules(60.0, 1.0))
     robot = mapper(hrm_cells=4 * blocks, rules=rules[0])
     slow = oracle.Robot(GLRM.shape, 5.0, blocks, 4, rules[1], 80.0)
     tick = 0
@@ -368,8 +349,7 @@ def test_a_whole_run_equals_the_oracle(steps, blocks, paper):
     assert {divmod(int(c), 7) for c in registers["cell"]} == set(slow.coarse)
     for record in registers:
         cell, newest = slow.coarse[divmod(int(record["cell"]), 7)]
-        values = [np.array([v], np.float32) for v in cell]
-        wanted = pack(record["cell"][None], newest, *values)[0]
+        wanted = pack(record["cell"][None], newest, np.array([cell]))[0]
         assert record["tick"] == newest
         for name in ("height", "gradient_x", "gradient_y", "occupation", "confidence"):
             assert abs(int(record[name]) - int(wanted[name])) <= 1, (name, record, wanted)

@@ -7,9 +7,10 @@ import pytest
 from orograph import keys
 from orograph.messages import UPDATE, Ack, Batch, Delta, Digest, Envelope, Frame, Hello, ManagerStatus, Welcome
 from orograph.nodes.map_manager import MapManagerNode
-from orograph.protocol.fold import FoldRules, fold_registers
+from orograph.protocol.fold import fold_registers
 from orograph.protocol.store import MemoryStore
 from orograph.protocol.tiles import map_hash
+from orograph.rules import Rules
 from orograph.scenario import GridSpec, Scenario, Start
 
 SCENARIO = Scenario(
@@ -71,7 +72,7 @@ def test_status_every_second_with_the_hash(played):
 
 def test_artifacts_fold_to_the_map(played):
     left = played.node.artifacts()
-    folded = fold_registers(left["prior"], left["registers"], FoldRules.of(SCENARIO.rules))
+    folded = fold_registers(left["prior"], left["registers"], Rules.of(SCENARIO.rules))
     assert map_hash(folded) == map_hash(left["glrm"]) == left["glrm_hash"].tobytes()
     assert left["registers"]["robot"].tolist() == [1, 1] and left["registers"]["epoch"].tolist() == [1, 1]
     assert left["first_confident_ns"][[9, 10, 11]].tolist() == [100_000_000, 100_000_000, -1]

@@ -4,17 +4,8 @@ import numpy as np
 import pytest
 from orograph import keys
 from orograph.geometry import ray_directions
-from orograph.messages import (
-    UNKNOWN_OCCUPATION,
-    Batch,
-    Envelope,
-    Frame,
-    MappingStatus,
-    OccupancyGrid,
-    Phase,
-    Pose,
-    Scan,
-)  # fmt: skip
+from orograph.layers import UNKNOWN_OCCUPATION
+from orograph.messages import Batch, Envelope, Frame, MappingStatus, OccupancyGrid, Phase, Pose, Scan  # fmt: skip
 from orograph.nodes.map_manager import MapManagerNode
 from orograph.nodes.robot_mapping import RobotMappingNode, ScanPoseSync
 from orograph.protocol.store import MemoryStore

@@ -10,11 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.fold_oracle import ageing, fold_cell
-from orograph.messages import REGISTER, UNKNOWN_GRADIENT, UNKNOWN_OCCUPATION, UPDATE
-from orograph.protocol.fold import AGEING, ROBOT_REGISTER, VALUES, FoldRules, fold, fold_registers
-from orograph.scenario import RulesSpec
-
-PAPER, DEFAULT = FoldRules.paper(), FoldRules()
+from orograph.layers import MAPPED_LAYERS, UNKNOWN_GRADIENT, UNKNOWN_OCCUPATION
+from orograph.messages import REGISTER, ROBOT_REGISTER, UPDATE
+from orograph.protocol.fold import AGEING, fold, fold_registers
+from orograph.rules import DEFAULT, PAPER, Rules
 
 
 @dataclass
@@ -30,7 +29,7 @@ class Cell:
 NOTHING = Cell()
 
 
-def one(prior: Cell, *registers: Cell, rules: FoldRules = DEFAULT) -> tuple[int, ...]:
+def one(prior: Cell, *registers: Cell, rules: Rules = DEFAULT) -> tuple[int, ...]:
     """The folded (height, gradient_x, gradient_y, occupation, confidence) of one cell."""
     base, rows = np.zeros(1, UPDATE), np.zeros((len(registers), 1), REGISTER)
     for name, value in vars(prior).items():
@@ -39,7 +38,7 @@ def one(prior: Cell, *registers: Cell, rules: FoldRules = DEFAULT) -> tuple[int,
         for name, value in vars(register).items():
             rows[name][line] = value
     out = fold(base, rows, rules)
-    return tuple(int(out[name][0]) for name in VALUES)
+    return tuple(int(out[name][0]) for name in MAPPED_LAYERS)
 
 
 def test_no_register_leaves_the_prior():
@@ -108,7 +107,7 @@ def test_new_wins_a_tie():
 
 def test_printed_equation_12_asks_the_new_confidence_alone():
     # Both high, difference low: ours replaces the old; as printed the difference counts as high, the higher is taken.
-    rules = FoldRules(printed_equation_12=True)
+    rules = Rules(60.0, 1.0, printed_equation_12=True)
     assert one(Cell(0, confidence=150), Cell(5000, confidence=140), rules=rules) == (0, 0, 0, 0, 150)
 
 
@@ -144,15 +143,6 @@ def test_ageing_table_is_the_rounded_power_of_two():
     assert AGEING.tolist() == [ageing(step) for step in range(256)]
 
 
-def test_rules_of_a_scenario():
-    assert FoldRules.of("default") == FoldRules()
-    assert FoldRules.of("paper") == PAPER
-    spec = RulesSpec(half_life_s=2.5, height_gate_m=0.25, printed_equation_12=True)
-    assert FoldRules.of(spec) == FoldRules(2_500, 250, printed_equation_12=True)
-    steep = FoldRules.of(RulesSpec(similarity_deg=80))
-    assert steep.half_life_ms is None and steep.similar_n / steep.similar_d == pytest.approx(math.tan(math.radians(80)))
-
-
 whole = st.integers
 gradients = st.one_of(whole(-3000, 3000), st.sampled_from([UNKNOWN_GRADIENT, -32767, 32767]))
 cells = st.builds(
@@ -160,9 +150,9 @@ cells = st.builds(
     st.one_of(whole(0, 300_000), st.just(2**32 - 1)),
 )  # fmt: skip
 rule_sets = st.builds(
-    FoldRules,
-    st.sampled_from([None, 1, 977, 60_000]),
-    st.sampled_from([None, 0, 1_000]),
+    Rules,
+    st.sampled_from([math.inf, 0.001, 0.977, 60.0]),
+    st.sampled_from([math.inf, 1e-6, 1.0]),
     printed_equation_12=st.booleans(),
 )
 
@@ -178,7 +168,7 @@ def test_fold_equals_the_reference(prior, registers, rules):
         rows["robot"][number] = number + 1
         for name, value in vars(register).items():
             rows[name][number] = value
-    assert one(prior, *registers, rules=rules) == fold_cell(base[0], list(rows), rules)
+    assert one(prior, *registers, rules=rules) == fold_cell(base[0], list(rows), rules.whole())
 
 
 @settings(max_examples=50, deadline=None)
@@ -193,5 +183,5 @@ def test_map_depends_on_the_set_of_registers_alone(contributions, random):
             rows[name][i] = value
     shuffled = list(range(len(rows)))
     random.shuffle(shuffled)
-    once, again = (fold_registers(prior, x, FoldRules()) for x in (rows, rows[shuffled]))
+    once, again = (fold_registers(prior, x, DEFAULT) for x in (rows, rows[shuffled]))
     assert np.array_equal(once, again)

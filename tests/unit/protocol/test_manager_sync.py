@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from orograph.messages import UPDATE, Ack, Batch, CellsRequest, Delta, Digest, Fenced, Hello, Pose, Welcome
-from orograph.protocol.fold import FoldRules
 from orograph.protocol.limits import LIMITS, Limits
 from orograph.protocol.manager import ManagerSync
 from orograph.protocol.store import MemoryStore, StoreFailed
+from orograph.rules import DEFAULT
 
 SHAPE = (40, 40)
 SIZE = 1600
@@ -38,7 +38,7 @@ class Played:
         self.restart()
 
     def restart(self):
-        self.sync = ManagerSync(SHAPE, some_prior(), FoldRules(), self.store, [A, B], limits=self.limits)
+        self.sync = ManagerSync(SHAPE, some_prior(), DEFAULT, self.store, [A, B], limits=self.limits)
 
     def step(self, *inbox, seconds=0.1):
         self.now_ns += round(seconds * 1e9)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from orograph.messages import UNKNOWN_GRADIENT, UPDATE
+from orograph.layers import UNKNOWN_GRADIENT
+from orograph.messages import UPDATE
 from orograph.scenario import Scenario
 from orograph.scene.prior import building_cover, given_layers, prior_records
 

@@ -1,0 +1,77 @@
+"""The mapping rules and their numbers, once: as a scenario gives them, as kernels and as the fold read them.
+
+mapping.md section 3. The robots fuse in floating point (`Rules.real`), the fold in integers (`Rules.whole`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, NamedTuple
+
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
+
+SLOPE_MAX = 0.3
+"""Largest passable slope of the paper's robot (mapping.md section 2.3)."""
+_TANGENT_ONE = 10**9
+NamedRules = Literal["paper", "default"]
+
+
+class RealRules(NamedTuple):
+    """What the compiled fusion reads; slope_max NaN means that occupation is fused like height."""
+
+    half_life_ms: float
+    height_gate_m: float
+    tan_similarity: float
+    printed: bool
+    slope_max: float
+
+
+class WholeRules(NamedTuple):
+    """What the fold reads: no ageing is a half-life of 0, no height gate is -1.
+
+    similar_n / similar_d is the tangent of the angle up to which slopes are similar.
+    """
+
+    half_life_ms: int
+    height_gate_mm: int
+    similar_n: int
+    similar_d: int
+    printed: bool
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid", ser_json_inf_nan="strings"))
+class Rules:
+    """When two cells count as the same surface, and how fast confidence decays; raises ValueError out of bounds."""
+
+    half_life_s: Annotated[float, Field(gt=0)] = math.inf
+    height_gate_m: Annotated[float, Field(gt=0)] = math.inf
+    similarity_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
+    printed_equation_12: bool = False
+
+    @classmethod
+    def of(cls, rules: NamedRules | Rules) -> Rules:
+        """The rules that a scenario names or spells out."""
+        return NAMED[rules] if isinstance(rules, str) else rules
+
+    def real(self, slope_max: float | None) -> RealRules:
+        """For the kernels; `slope_max` None fuses occupation like height (map level: LLRM, GLRM)."""
+        tan_similarity = math.tan(math.radians(self.similarity_deg))
+        slope = math.nan if slope_max is None else slope_max
+        return RealRules(self.half_life_s * 1e3, self.height_gate_m, tan_similarity, self.printed_equation_12, slope)
+
+    def whole(self) -> WholeRules:
+        """For the fold, which every host computes alike."""
+        angle = math.radians(self.similarity_deg)
+        return WholeRules(
+            0 if math.isinf(self.half_life_s) else max(1, round(self.half_life_s * 1000)),
+            -1 if math.isinf(self.height_gate_m) else round(self.height_gate_m * 1000),
+            round(math.sin(angle) * _TANGENT_ONE),
+            round(math.cos(angle) * _TANGENT_ONE),
+            self.printed_equation_12,
+        )
+
+
+NAMED: dict[str, Rules] = {"paper": Rules(), "default": Rules(half_life_s=60.0, height_gate_m=1.0)}
+"""The named sets: `paper` has no height gate and no decay."""
+PAPER, DEFAULT = NAMED["paper"], NAMED["default"]
