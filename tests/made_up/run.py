@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from orograph import keys
 from orograph.grid import Grid
+from orograph.judge.score import height_error
 from orograph.layers import MAPPED_LAYERS, CellMap
 from orograph.mapping.cells import values_of
 from orograph.messages import POSE, REGISTER, ROBOT_REGISTER
@@ -24,7 +25,7 @@ from orograph.stages import STAGES
 from orograph.storage import run_folder
 from orograph.storage.parts import RunParts
 from orograph.storage.recording import Recording
-from orograph.storage.results import HeightErrors, Machine, MapScore, MapScores, RunInfo, Scores, Summary, WorldResult
+from orograph.storage.results import Machine, MapScore, MapScores, RunInfo, Scores, Summary, WorldResult
 
 LENGTH_S = 60
 
@@ -209,7 +210,7 @@ def made_up(scenario: Scenario) -> RunParts:
 
 def made_up_summary(robots: int) -> Summary:
     """What a study reads of a run: a map that is 0.2 m from ideal scans."""
-    none = HeightErrors(cells=0, rmse_m=None, mae_m=None, bias_m=None, p95_m=None)
+    none = height_error(np.zeros(0))
     score = MapScore(
         cells=9, rmse_m=0.2, mae_m=0.1, bias_m=0.0, p95_m=0.4, occupation_iou=1.0, open_ground=none, buildings=none,
         by_confidence=(),

@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from orograph.arrays import F64, Mask
 from orograph.judge.map_truth import MapTruth
-from orograph.judge.score import CONFIDENCE_BINS, OCCUPIED, HeightError
+from orograph.judge.score import CONFIDENCE_BINS, OCCUPIED, height_error
 from orograph.layers import CONFIDENT, CellMap
+from orograph.storage.results import HeightErrors
 
 JUDGED = np.dtype(
     [
@@ -97,7 +98,7 @@ def calibration(cells: Judged) -> list[dict[str, float]]:
         kinds = {"away": ~cells["roof"] & ~cells["near"], "near": cells["near"], "roof": cells["roof"]}
         for name, kind in kinds.items():
             errors = cells["error_m"][within & kind & np.isfinite(cells["error_m"])]
-            row[f"{name}_rmse_m"] = HeightError.of(errors).rmse_m
+            row[f"{name}_rmse_m"] = height_error(errors).rmse_m
             row[f"{name}_wrong"] = share(int((np.abs(errors) > WRONG_M).sum()), len(errors))
             row[f"{name}_cells"] = len(errors)
         out.append(row)
@@ -109,6 +110,6 @@ def share(part: int, whole: int) -> float:
     return part / whole if whole else math.nan
 
 
-def _errors(cells: Judged, mask: Mask) -> HeightError:
+def _errors(cells: Judged, mask: Mask) -> HeightErrors:
     errors = cells["error_m"][mask]
-    return HeightError.of(errors[np.isfinite(errors)])
+    return height_error(errors[np.isfinite(errors)])

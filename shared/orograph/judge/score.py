@@ -32,7 +32,7 @@ def height_error(errors_m: Heights) -> HeightErrors:
     """Figures of a flat array of errors [m], all finite."""
     e = errors_m.astype(np.float64)
     if not e.size:
-        return HeightErrors(cells=0, rmse_m=None, mae_m=None, bias_m=None, p95_m=None)
+        return HeightErrors(cells=0, rmse_m=math.nan, mae_m=math.nan, bias_m=math.nan, p95_m=math.nan)
     size = np.abs(e)
     return HeightErrors(
         cells=e.size, rmse_m=math.sqrt(float(np.mean(e * e))), mae_m=float(size.mean()), bias_m=float(e.mean()),
@@ -72,7 +72,7 @@ def score_maps(pairs: list[tuple[CellMap, Truth, Mask]]) -> MapScore:
         by_confidence=bins,
         open_ground=height_error(error[sure & ~building]),
         buildings=height_error(error[sure & building]),
-        occupation_iou=sum(i for i, _ in both) / union if union else None,
+        occupation_iou=sum(i for i, _ in both) / union if union else math.nan,
     )
 
 

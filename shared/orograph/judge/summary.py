@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -195,7 +196,7 @@ def sentence(parts: RunParts, summary: Summary) -> str:
     who = "One robot" if robots == 1 else f"{NUMBERS.get(robots, str(robots))} robots"
     minutes, seconds = divmod(round(parts.run.sim_time_s), 60)
     share = summary.coverage
-    covered = "an unknown share" if share is None else f"{100 * share:.1f} %"
+    covered = "an unknown share" if math.isnan(share) else f"{100 * share:.1f} %"
     first = f"{who} mapped {covered} of what the patrol can see in {minutes} min {seconds:02d} s of simulation."
     same = {
         True: f"Every robot{' that stayed' * bool(parts.gone)} ended with the same map, bit for bit.",

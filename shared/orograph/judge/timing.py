@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -30,9 +31,9 @@ PAPER_TABLE_3_S: Mapping[int, int] = {1: 445, 2: 310, 3: 190}
 
 
 def spread(durations_ns: I64) -> Spread:
-    """Of durations (n,) [ns]; None where there were none."""
+    """Of durations (n,) [ns]; NaN where there were none."""
     if not durations_ns.size:
-        return Spread(p50=None, p95=None)
+        return Spread(p50=math.nan, p95=math.nan)
     p50, p95 = np.quantile(durations_ns, [0.5, 0.95]) / 1e6
     return Spread(p50=float(p50), p95=float(p95))
 

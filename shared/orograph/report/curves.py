@@ -105,7 +105,7 @@ def _bin_bars(axes: Axes, scores: Scores) -> None:
     names = ("true surface", "same rules, ideal scans")
     pair = (scores.surface, scores.ideal)
     for i, (score, name, colour) in enumerate(zip(pair, names, palette.ROBOT_COLOURS, strict=False)):
-        heights = [e.rmse_m or 0.0 for e in score.by_confidence]
+        heights = [e.rmse_m if e.cells else 0.0 for e in score.by_confidence]
         bars = axes.bar(np.arange(len(labels)) + (i - 0.5) * 0.36, heights, 0.33, color=colour, label=name)
         counts = [f"{e.cells:,}" if e.cells else "none" for e in score.by_confidence]
         axes.bar_label(bars, counts, fontsize=7, color=palette.QUIET, padding=2)

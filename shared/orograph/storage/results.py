@@ -1,6 +1,6 @@
 """What a run says of itself in JSON: how the world ended it, who ran it and on what, and how it was judged.
 
-Frozen and typed, to and from their files; a figure that is not known is None, in JSON `null`.
+Frozen and typed, to and from their files.
 """
 
 from __future__ import annotations
@@ -18,12 +18,8 @@ if TYPE_CHECKING:
     from orograph.scenario import Scenario
 
 
-def _known(value: object) -> object:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-Figure = Annotated[float | None, BeforeValidator(_known)]
-"""None where there is nothing to measure; NaN becomes it."""
+Figure = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
+"""A measured quantity: NaN where there was nothing to measure, `null` in JSON."""
 
 
 class _Frozen(BaseModel):

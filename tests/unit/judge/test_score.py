@@ -54,7 +54,7 @@ def test_only_confident_and_known_cells_count() -> None:
     assert (score.open_ground.cells, score.open_ground.mae_m) == (1, 1.0)
     assert (score.buildings.cells, score.buildings.mae_m) == (1, 3.0)
     assert [e.cells for e in score.by_confidence] == [1, 1, 0, 1]
-    assert score.by_confidence[2].rmse_m is None
+    assert math.isnan(score.by_confidence[2].rmse_m)
 
 
 def test_bins_hold_every_known_confidence_once() -> None:
@@ -79,8 +79,8 @@ def test_several_maps_are_pooled_by_cells() -> None:
 def test_nothing_to_score_gives_no_figures() -> None:
     score = score_maps([])
     assert score.cells == 0
-    assert score.rmse_m is None
-    assert score.occupation_iou is None
+    assert math.isnan(score.rmse_m)
+    assert math.isnan(score.occupation_iou)
 
 
 def test_a_reference_is_true_only_where_it_is_sure() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from orograph.launch import processes
 from orograph.launch.progress import Figures
+from orograph.storage.run_folder import WORLD, write_whole
 
 
 class Turns:
@@ -33,8 +34,7 @@ def test_figures_may_be_read_while_more_come(
 
     monkeypatch.setattr(processes, "_listen", listen)
     monkeypatch.setattr(processes, "POLL_S", 0.0)
-    (tmp_path / "parts").mkdir()
-    (tmp_path / "parts" / "world.json").write_text("{}")
+    write_whole(tmp_path / WORLD, "{}")
     seen: list[int] = []
     processes._follow(Turns(50), "", tmp_path, lambda figures, _: seen.append(sum(1 for _ in figures)))
     assert len(seen) == 50 and seen[-1] > 0

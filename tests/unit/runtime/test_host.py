@@ -16,6 +16,7 @@ from orograph.nodes.navigator import NavigatorNode
 from orograph.runtime.host import NodeHost
 from orograph.scenario import Scenario
 from orograph.storage.recording import Recording
+from orograph.storage.run_folder import bytes_file
 
 NAME = keys.node(keys.NAVIGATOR, "robot_001")
 
@@ -75,8 +76,8 @@ def test_bytes_may_still_come_while_they_are_saved(
     thread.start()
     try:
         for _ in range(20):
-            host.save("navigator", {})
+            host.save({})
     finally:
         stop.set()
         thread.join()
-    assert json.loads((tmp_path / "parts" / "bytes-navigator.json").read_text())["down"]["robot_001"] > 0
+    assert json.loads((tmp_path / bytes_file("navigator")).read_text())["down"]["robot_001"] > 0
