@@ -15,6 +15,20 @@ Note = Callable[[str, Mapping[str, Any]], None]
 """note(kind, fields): one line for events.jsonl; the shell adds stamp_ns, service and robot."""
 
 
+class Every:
+    """A beat: due in the first frame, then in the first frame of every full period, whichever frame that is."""
+
+    def __init__(self, period_ns: int) -> None:
+        self._period_ns, self._due_ns = period_ns, 0
+
+    def due(self, now_ns: int) -> bool:
+        """Whether it is; asked once a frame, True once a period."""
+        if now_ns < self._due_ns:
+            return False
+        self._due_ns = now_ns - now_ns % self._period_ns + self._period_ns
+        return True
+
+
 class Node(Protocol):
     """A service's step object, for one robot where the service is per robot."""
 

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph import keys
-from orograph.messages import Envelope, Frame, ManagerStatus, Message
-from orograph.node import Note, Send
+from orograph.messages import SECOND_NS, Envelope, Frame, ManagerStatus, Message
+from orograph.node import Every, Note, Send
 from orograph.protocol.limits import LIMITS, Limits
 from orograph.protocol.manager import ManagerSync
 from orograph.protocol.store import Store
@@ -19,7 +19,6 @@ from orograph.scenario import Scenario
 from orograph.scene.prior import prior_records
 from orograph.stages import Stage, untimed
 
-STATUS_NS = 1_000_000_000
 COVERAGE = np.dtype([("stamp_ns", "<i8"), ("confident_cells", "<u4"), ("version", "<u4")])
 
 
@@ -34,7 +33,7 @@ class MapManagerNode:
         grid, self._robots = scenario.grid.grid, robots
         self._prior = prior_records(scenario)
         self._sync = ManagerSync(grid.shape, self._prior, Rules.of(scenario.rules), store, robots, stage, limits)
-        self._status_due_ns = 0
+        self._status = Every(SECOND_NS)
         self._coverage: list[tuple[int, int, int]] = []
 
     def step(self, frame: Frame, inbox: Sequence[Envelope], send: Send, note: Note) -> None:
@@ -50,8 +49,7 @@ class MapManagerNode:
             send(keys.RADIO, to, message)
 
         self._sync.step(frame.stamp_ns, from_robots, send_to, note)
-        if frame.stamp_ns >= self._status_due_ns:
-            self._status_due_ns = frame.stamp_ns + STATUS_NS
+        if self._status.due(frame.stamp_ns):
             self._report(frame.stamp_ns, send)
 
     def _report(self, now_ns: int, send: Send) -> None:

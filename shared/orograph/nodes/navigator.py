@@ -9,12 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph import keys
-from orograph.messages import STATES, Drive, Envelope, Frame, Mission, OccupancyGrid, Pose, Sensors
+from orograph.messages import SECOND_NS, STATES, Drive, Envelope, Frame, Mission, OccupancyGrid, Pose, Sensors
 from orograph.navigation.navigator import Navigator
-from orograph.node import Note, Send
+from orograph.node import Every, Note, Send
 from orograph.scenario import Scenario
-
-STATUS_PERIOD_NS = 1_000_000_000
 
 
 class NavigatorNode:
@@ -25,7 +23,7 @@ class NavigatorNode:
         self._mapping = keys.node(keys.MAPPING, robot)
         self._navigator = Navigator(scenario, robot)
         self._trajectory: list[tuple[float, ...]] = []
-        self._status_ns = -STATUS_PERIOD_NS
+        self._beat = Every(SECOND_NS)
         self._visited = 0
 
     def step(self, frame: Frame, inbox: Sequence[Envelope], send: Send, note: Note) -> None:
@@ -54,8 +52,8 @@ class NavigatorNode:
     def _report(self, now_ns: int, send: Send) -> None:
         """Every second, and at once when a waypoint was visited."""
         visited = len(self._navigator.tour.visited)
-        if now_ns - self._status_ns >= STATUS_PERIOD_NS or visited > self._visited:
-            self._status_ns, self._visited = now_ns, visited
+        if self._beat.due(now_ns) or visited > self._visited:
+            self._visited = visited
             send(keys.RADIO, keys.ORCHESTRATOR, self._navigator.status(now_ns))
 
     def telemetry(self) -> Mapping[str, float]:

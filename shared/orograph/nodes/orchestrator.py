@@ -25,7 +25,7 @@ from orograph.messages import (
 from orograph.mission.distances import DrivingDistances
 from orograph.mission.patrol import HEARD_NS, LOST_AFTER_NS, Patrol
 from orograph.mission.phases import END, FLUSH, MAPPING, RunPhases
-from orograph.node import Note, Send
+from orograph.node import Every, Note, Send
 from orograph.nodes.standing import Ears, Standing
 from orograph.scenario import Scenario
 from orograph.scene.prior import prior_records
@@ -51,6 +51,7 @@ class OrchestratorNode:
         self._present: Collection[str] = robots
         self._speaks_from_ns = 0
         self._now_ns = 0
+        self._beat = Every(SECOND_NS)
         self._orders_at_start: dict[str, list[int]] = {}
 
     def present(self, robots: Collection[str]) -> None:
@@ -63,7 +64,7 @@ class OrchestratorNode:
         patrol = self._patrol or self._begin(frame)
         for envelope in inbox:
             self._hear(envelope, patrol, note)
-        beat = frame.stamp_ns % SECOND_NS < frame.duration_ns
+        beat = self._beat.due(frame.stamp_ns)
         if beat and frame.stamp_ns >= self._speaks_from_ns:
             self._direct(frame, patrol, note)
             self._speak(patrol, send)

@@ -17,6 +17,7 @@ from orograph.mapping.cells import values_of
 from orograph.mapping.occupancy import Codes
 from orograph.mapping.updates import Held
 from orograph.messages import (  # fmt: skip
+    SECOND_NS,
     Envelope,
     Frame,
     Hello,
@@ -28,7 +29,7 @@ from orograph.messages import (  # fmt: skip
     Pose,
     Scan,
 )
-from orograph.node import Note, Send
+from orograph.node import Every, Note, Send
 from orograph.protocol.limits import LIMITS, Limits
 from orograph.protocol.robot import RobotSync
 from orograph.registers import unpack
@@ -37,10 +38,9 @@ from orograph.scenario import Scenario
 from orograph.scene.prior import given_layers, prior_records
 from orograph.stages import Stage, untimed
 
-STATUS_NS = 1_000_000_000
 BACKLOG_KEPT = 100_000
 """So many seconds of the backlog's course are kept for the report, the newest: more than a day."""
-GLOBAL_MAP_NS = 2_000_000_000
+GLOBAL_MAP_NS = 2 * SECOND_NS
 POSE_WAIT_FRAMES = 5
 """A scan whose pose has not come for so long is skipped."""
 
@@ -67,7 +67,8 @@ class RobotMappingNode:
         self._initial_hrm: CellMap | None = None
         self._flushing = self._flushed = False
         self._scans = 0
-        self._now_ns = self._status_due_ns = self._global_map_due_ns = 0
+        self._now_ns = self._global_map_due_ns = 0
+        self._beat = Every(SECOND_NS)
         self._backlog: deque[tuple[int, int]] = deque(maxlen=BACKLOG_KEPT)
         self._told: tuple[int, ...] = ()
         self._prior_values = values_of(self._prior)
@@ -86,8 +87,7 @@ class RobotMappingNode:
             self._flush(note)
         if frame.stamp_ns >= self._global_map_due_ns:
             self._tell_global_map(send)
-        if frame.stamp_ns >= self._status_due_ns:
-            self._status_due_ns = frame.stamp_ns + STATUS_NS
+        if self._beat.due(frame.stamp_ns):
             send(keys.RADIO, keys.node(keys.ORCHESTRATOR), self._status())
 
     def _sort(self, inbox: Sequence[Envelope]) -> list[Message]:

@@ -15,8 +15,24 @@ from orograph.runtime.watchdog import Watchdog
 from orograph.scenario import Scenario
 
 FAREWELL_S = 10.0
+LATE_FRAMES_MAX = 5
+"""What is late by no more than these is made good; after a longer pause the pace goes on from there."""
 
 log = logging.getLogger("orograph.clock")
+
+
+class Pace:
+    """When the next frame is due: every `period_s` [s of wall time] from `begin_s` on."""
+
+    def __init__(self, period_s: float, begin_s: float) -> None:
+        self._period_s, self._due_s = period_s, begin_s
+
+    def wait_s(self, now_s: float) -> float:
+        """How long to wait after a frame that was done at `now_s`."""
+        self._due_s += self._period_s
+        if now_s - self._due_s > LATE_FRAMES_MAX * self._period_s:
+            self._due_s = now_s
+        return max(0.0, self._due_s - now_s)
 
 
 class Clock:
@@ -50,13 +66,14 @@ class Clock:
     def run(self) -> None:
         """Frame after frame until the end."""
         begin_s = time.monotonic()
+        pace = Pace(0.0 if self._scale == "max" else self._frame_ns * 1e-9 / self._scale, begin_s)
         counted: dict[str, Any] = {}
         down: frozenset[str] = frozenset()
         while not self._watchdog.stop.is_set() and not self._ended():
             self._watchdog.alive()
             counted, down = self._turn(counted, down)
             self.frame += 1
-            self._keep_pace(begin_s)
+            self._watchdog.stop.wait(pace.wait_s(time.monotonic()))
         self.wall_time_s = time.monotonic() - begin_s
         self.lost += self._barrier.lost
         self.deterministic = self._scale == "max" and self._ended() and self._barrier.steady and not self.lost
@@ -73,11 +90,6 @@ class Clock:
         if lockstep:
             merge(sent, self._barrier.await_answers(self.frame, roster, self._watchdog.stop))
         return sent, frozenset(self._down())
-
-    def _keep_pace(self, begin_s: float) -> None:
-        if self._scale != "max":
-            due_s = begin_s + self.frame * self._frame_ns * 1e-9 / self._scale
-            self._watchdog.stop.wait(max(0.0, due_s - time.monotonic()))
 
     def _bid_farewell(self) -> None:
         """Say that the run is over until all who took part have gone."""

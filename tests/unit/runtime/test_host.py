@@ -70,7 +70,8 @@ def test_bytes_may_still_come_while_they_are_saved(
             if stop.is_set():
                 return
             bus.mailbox.bytes_received[keys.RADIO, NAME, str(i)] += 1
-            bus.mailbox.bytes_received.pop((keys.RADIO, NAME, str(i - 500)), None)
+            if i % 5_000 == 0:
+                bus.mailbox.bytes_received.clear()
 
     thread = threading.Thread(target=receive)
     thread.start()
@@ -80,4 +81,4 @@ def test_bytes_may_still_come_while_they_are_saved(
     finally:
         stop.set()
         thread.join()
-    assert json.loads((tmp_path / bytes_file("navigator")).read_text())["down"]["robot_001"] > 0
+    assert json.loads((tmp_path / bytes_file("navigator")).read_text())["down"]
