@@ -36,7 +36,7 @@ from orograph.points import points_from_ranges
 from orograph.scenario import Scenario
 from orograph.scene import Scene, build_scene
 from orograph.sensing.laser import laser_position_m
-from orograph.storage.cache import cache_folder
+from orograph.storage.run_folder import cache_folder
 from orograph.storage.scenario_file import load_scenario
 from rich.console import Console
 from rich.progress import Progress

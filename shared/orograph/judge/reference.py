@@ -17,6 +17,7 @@ import numpy as np
 
 from orograph.arrays import F64, Mask
 from orograph.grid import Grid
+from orograph.judge.provenance import code_digest
 from orograph.judge.route import patrol_poses
 from orograph.layers import CONFIDENT, MAPPED_LAYERS, CellMap
 from orograph.mapping import RobotMapper
@@ -24,14 +25,20 @@ from orograph.messages import ROBOT_REGISTER
 from orograph.protocol.fold import fold_registers, whole_prior
 from orograph.registers import unpack
 from orograph.rules import Rules
-from orograph.scenario import Scenario
+from orograph.scenario import NavigationSensorsSpec, RadioSpec, Scenario
 from orograph.scene import build_scene
 from orograph.scene.prior import given_layers, prior_records
 from orograph.sensing.truth import dense_scans
 from orograph.storage.run_folder import write_arrays
 
-VERSION = "3"
-"""Grows with any change that moves the reference, so that kept ones are made anew."""
+UNSEEN = {
+    "name": "reference", "title": "reference", "attribution": "", "crs": "", "seed": 0, "duration_max_s": 600.0,
+    "time_scale": "max", "frame_ms": 100, "vehicles": (), "base_station_m": (0.0, 0.0),
+    "navigation_sensors": NavigationSensorsSpec(), "radio": RadioSpec(),
+}  # fmt: skip
+"""What the reference does not depend on, as it is always built: neither these nor their changes can move it."""
+KEPT_MAX = 30
+"""Kept references; the oldest go."""
 SPACING_M = 2.0
 DENSITY = 1
 """Rings and columns as the scenario's own laser has them: a robot scans about every metre, so what this sparser pass
@@ -61,15 +68,18 @@ class Reference:
 
 
 def cached(scenario: Scenario, cache: Path) -> Reference:
-    """The reference of a scenario, from the folder `cache` where it has been made before."""
-    name = hashlib.blake2b((VERSION + scenario.model_dump_json()).encode(), digest_size=16).hexdigest()
+    """The reference of a scenario, from the folder `cache` where the same code has made it before."""
+    seen = scenario.model_copy(update=UNSEEN)
+    name = hashlib.blake2b((code_digest(__name__) + seen.model_dump_json()).encode(), digest_size=16).hexdigest()
     kept = cache / f"reference-{name}.npz"
     if kept.exists():
         return _load(kept, scenario)
-    reference = build(scenario)
+    reference = build(seen)
     # A cache that cannot be written, as in a read-only container, costs time and nothing else.
     with suppress(OSError):
         _save(kept, reference)
+        for old in sorted(cache.glob("reference-*.npz"), key=lambda path: path.stat().st_mtime)[:-KEPT_MAX]:
+            old.unlink()
     return reference
 
 

@@ -7,7 +7,7 @@ import pytest
 from orograph.judge import reference
 from orograph.judge.reference import Reference
 from orograph.layers import CONFIDENT, MAPPED_LAYERS
-from orograph.scenario import Scenario
+from orograph.scenario import RadioSpec, Scenario
 from orograph.scene import build_scene
 from orograph.sensing.truth import top_surface
 
@@ -30,21 +30,54 @@ def test_it_comes_back_from_the_cache_unchanged_and_is_not_made_twice(
     assert same(reference.cached(city_scenario, tmp_path / "new"), built)
 
 
-def test_another_scenario_or_version_is_made_anew(
-    city_scenario: Scenario, built: Reference, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made: list[Scenario] = []
+@pytest.fixture
+def made(built: Reference, monkeypatch: pytest.MonkeyPatch) -> list[Scenario]:
+    """What is built from now on, quickly."""
+    scenarios: list[Scenario] = []
 
     def build(scenario: Scenario) -> Reference:
-        made.append(scenario)
+        scenarios.append(scenario)
         return built
 
     monkeypatch.setattr(reference, "build", build)
+    return scenarios
+
+
+@pytest.mark.parametrize(
+    ("change", "times"),
+    [({"seed": 77}, 1), ({"title": "Another", "radio": RadioSpec(loss=0.2)}, 1), ({"robots": 1}, 2),
+     ({"rules": "paper"}, 2), ({"patrol": ((60.0, 10.0), (110.0, 110.0))}, 2)],
+)  # fmt: skip
+def test_only_what_moves_the_reference_makes_it_anew(
+    change: dict[str, object], times: int, city_scenario: Scenario, made: list[Scenario], tmp_path: Path
+) -> None:
     reference.cached(city_scenario, tmp_path)
-    reference.cached(city_scenario.model_copy(update={"base_station_m": (1.0, 1.0)}), tmp_path)
-    monkeypatch.setattr(reference, "VERSION", "another")
+    reference.cached(city_scenario.model_copy(update=change), tmp_path)
+    assert len(made) == times
+
+
+def test_what_it_does_not_depend_on_cannot_move_it(city_scenario: Scenario, built: Reference, tmp_path: Path) -> None:
+    another = city_scenario.model_copy(update={"seed": 77, "base_station_m": (90.0, 90.0), "frame_ms": 50})
+    assert same(reference.cached(another, tmp_path), built)
+
+
+def test_other_code_makes_it_anew(
+    city_scenario: Scenario, made: list[Scenario], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     reference.cached(city_scenario, tmp_path)
-    assert len(made) == 3
+    monkeypatch.setattr(reference, "code_digest", lambda module: "other")
+    reference.cached(city_scenario, tmp_path)
+    assert len(made) == 2
+
+
+def test_the_oldest_are_thrown_away(
+    city_scenario: Scenario, made: list[Scenario], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(reference, "KEPT_MAX", 2)
+    for robots in (1, 2):
+        for rules in ("paper", "default"):
+            reference.cached(city_scenario.model_copy(update={"robots": robots, "rules": rules}), tmp_path)
+    assert len(made) == 4 and len(list(tmp_path.iterdir())) == 2
 
 
 def test_a_cache_that_cannot_be_written_costs_only_time(
