@@ -35,9 +35,9 @@ test: setup ## every test: units, protocol storms, processes over Zenoh
 bench: setup ## the hot paths, as a table and a last JSON line
 	$(BIN)/python tests/bench/main.py
 
-map-score: setup ## how true the maps are, by rule set: RULES=paper,default SCENARIOS=tiny SEEDS=3 DETAILS=1
+map-score: setup ## how true the maps are, by rule set: RULES=paper,default SCENARIOS=tiny PRIORS=honest SEEDS=3 DETAILS=1
 	$(BIN)/python tests/bench/map_score.py $(if $(RULES),--rules $(RULES)) $(if $(SCENARIOS),--scenarios $(SCENARIOS)) \
-		$(if $(SEEDS),--seeds $(SEEDS)) $(if $(DETAILS),--details)
+		$(if $(PRIORS),--priors $(PRIORS)) $(if $(SEEDS),--seeds $(SEEDS)) $(if $(DETAILS),--details)
 
 cluster-bench: setup image ## what the cluster costs beside local processes: speed, memory, delay, claims
 	PYTHONPATH=tests $(BIN)/python tests/bench/cluster.py

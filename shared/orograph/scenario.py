@@ -193,10 +193,22 @@ class RadioSpec(Part):
 
 
 class PriorSpec(Part):
-    """What the GLRM holds before the first scan: the ground, and every building at one height."""
+    """What the GLRM holds before the first scan: the ground, and every building at one height.
+
+    It is true unless told otherwise; what is wrong with it is drawn from the run's seed.
+    """
 
     building_height_m: Annotated[float, Field(ge=0)] = 10.0
-    confidence: Annotated[int, Field(ge=1, le=63)] = 32
+    confidence: Annotated[int, Field(ge=0, le=63)] = 32
+    """0: nothing is known before the first scan."""
+    ground_error_m: Annotated[float, Field(ge=0, le=5)] = 0.0
+    """Root mean square of a smooth error of the ground."""
+    shift_m: Annotated[float, Field(ge=0, le=20)] = 0.0
+    """One sigma, along each axis, of how far each building is misplaced."""
+    missing: Fraction = 0.0
+    """Share of the buildings that it does not know."""
+    extra: Fraction = 0.0
+    """Buildings that are not there, as a share of those that are; never where a robot or vehicle is to go."""
 
 
 class Scenario(Part):
@@ -277,7 +289,7 @@ def inconsistencies(scenario: Scenario) -> Iterator[tuple[Location, str]]:
             yield ("communications", "areas", i, "value"), f"communications are 0 or 1, found {area.value}"
     yield from _starts_too_near(scenario)
     boxes = np.array([_bounds(b.footprint) for b in scenario.buildings]).reshape(-1, 4)
-    for loc, (x, y) in _places(scenario):
+    for loc, (x, y) in places(scenario):
         if scenario.grid.grid.row_col(x, y) is None:
             yield loc, f"({x:g}, {y:g}) lies outside the grid"
         near = (boxes[:, 0] <= x) & (x <= boxes[:, 2]) & (boxes[:, 1] <= y) & (y <= boxes[:, 3])
@@ -296,7 +308,8 @@ def _starts_too_near(scenario: Scenario) -> Iterator[tuple[Location, str]]:
             yield ("starts", i), f"{apart_m[nearest]:.1f} m from starts[{nearest}]; robots are {length_m:.2f} m long"
 
 
-def _places(scenario: Scenario) -> Iterator[tuple[Location, PointM]]:
+def places(scenario: Scenario) -> Iterator[tuple[Location, PointM]]:
+    """Every place that the scenario names, with where in the file: starts, waypoints, base, corners of loops."""
     for i, start in enumerate(scenario.starts):
         yield ("starts", i), (start.x_m, start.y_m)
     for i, waypoint in enumerate(scenario.patrol):

@@ -26,6 +26,8 @@ from orograph.protocol.tiles import map_hash
 from orograph.runtime.rounds import Rounds
 from orograph.scenario import Scenario
 from orograph.storage.recording import Recording
+from orograph.storage.run_folder import STORE, write_arrays
+from orograph.storage.sqlite_store import SqliteStore
 
 VERSION = "1"
 """Grows with the form of what is kept, and with any change of world or laser that a score must see."""
@@ -51,26 +53,23 @@ class Mission:
 
 def recorded(scenario: Scenario, cache: Path, progress: Callable[[float], None]) -> Mission:
     """The mission of a scenario, from the cache where it has been made before; `progress` hears simulated seconds."""
-    name = hashlib.blake2b((VERSION + scenario.model_dump_json()).encode(), digest_size=16).hexdigest()
+    told = VERSION + scenario.model_dump_json(exclude_defaults=True)
+    name = hashlib.blake2b(told.encode(), digest_size=16).hexdigest()
     kept = cache / f"mission-{scenario.name}-{scenario.seed}-{name}.npz"
     try:
         with np.load(kept, allow_pickle=False) as arrays:
-            return Mission(**{f.name: arrays[f.name] if arrays[f.name].ndim else str(arrays[f.name])
-                              for f in fields(Mission)})  # fmt: skip
+            scans, ranges, bodies, glrm_hash, commit_then = (arrays[f.name] for f in fields(Mission))
+            return Mission(scans, ranges, bodies, str(glrm_hash), str(commit_then))
     except (FileNotFoundError, zipfile.BadZipFile):
         mission = record(scenario, progress)
-    kept.parent.mkdir(parents=True, exist_ok=True)
-    part = kept.with_name(f".{kept.name}.part")
-    with part.open("wb") as stream:
-        np.savez_compressed(stream, **{f.name: getattr(mission, f.name) for f in fields(Mission)})
-    part.replace(kept)
+    write_arrays(kept, {f.name: np.asarray(getattr(mission, f.name)) for f in fields(Mission)})
     return mission
 
 
 def record(scenario: Scenario, progress: Callable[[float], None]) -> Mission:
     """Run the mission to its end."""
     with tempfile.TemporaryDirectory() as folder, Recording(Path(folder), "in-process") as recording:
-        rounds = build_rounds(scenario, Path(folder), recording, {})
+        rounds = build_rounds(scenario, SqliteStore(Path(folder) / STORE, scenario.grid.grid.shape), recording, {})
         world = next(n for n in rounds.nodes if isinstance(n, WorldNode))
         taps = _tap(rounds, scenario)
         while world.ended is None:

@@ -123,7 +123,7 @@ class Replay:
             yield hrm, under, window(self._hit[robot], self._fine, hrm.grid, False)
 
 
-def believed(scan: npt.void, laser: LaserSpec) -> tuple[F64, F64]:
+def believed(scan: np.void, laser: LaserSpec) -> tuple[F64, F64]:
     """(R_map_robot, laser's position [m]) by the pose that a recorded SCAN came with, as the mapping node has them."""
     R_map_robot = rotation(float(scan["roll_rad"]), float(scan["pitch_rad"]), float(scan["yaw_rad"]))
     position_m = np.array([scan["x_m"], scan["y_m"], scan["z_m"]])

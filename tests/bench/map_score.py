@@ -13,8 +13,11 @@ import os
 import platform
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +44,10 @@ from orograph.storage.scenario_file import load_scenario
 from rich.console import Console
 from rich.progress import Progress
 
-RULES, SCENARIOS = "paper,default,surface", "tiny,helsinki,paper"
+RULES, SCENARIOS, PRIORS = "paper,default,surface", "tiny,helsinki,paper", "exact,honest,none"
+HONEST = {"ground_error_m": 0.4, "shift_m": 1.0, "missing": 0.1, "extra": 0.1}
+OFF_THE_LINES_M = (-1.7, -2.3)
+"""How far the honest scenario's grid lies off the scenario's own, for walls on cell borders are a stroke of luck."""
 NEAR_GLRM, NEAR_HRM = 1, 2
 """Open cells within 5 m and within 1 m of a wall's cell are near it."""
 
@@ -115,43 +121,61 @@ class Judge:
         ]  # fmt: skip
 
 
+def with_prior(scenario: Scenario, prior: str) -> Scenario:
+    """The scenario with `exact` (its own), `honest` or no prior (`none`); scans and truth stay the same."""
+    if prior == "exact":
+        return scenario
+    x_m, y_m = (a + b for a, b in zip(scenario.grid.origin_m, OFF_THE_LINES_M, strict=True))
+    grid = {**scenario.grid.model_dump(), "origin_m": (x_m, y_m)}
+    changed = {"none": {"prior": {"confidence": 0}}, "honest": {"prior": HONEST, "grid": grid}}[prior]
+    return Scenario.model_validate({**scenario.model_dump(), **changed})
+
+
 def score(
-    rule_sets: tuple[str, ...], scenarios: Sequence[Scenario], progress: Progress
+    rule_sets: Sequence[str], priors: Sequence[str], scenarios: Sequence[Scenario], progress: Progress
 ) -> dict[str, dict[str, dict[str, Any]]]:
-    """Figures by scenario and rule set; each scenario is given with one seed after another."""
-    pools: defaultdict[str, dict[str, Pool]] = defaultdict(lambda: {rules: Pool() for rules in rule_sets})
+    """Figures by scenario with prior and by rule set; each scenario is given with one seed after another."""
+    pools: defaultdict[str, defaultdict[str, Pool]] = defaultdict(lambda: defaultdict(Pool))
     judges: dict[str, Judge] = {}
-    whole = progress.add_task("missions", total=len(scenarios) * len(rule_sets))
+    whole = progress.add_task("missions", total=len(scenarios) * len(priors) * len(rule_sets))
     for scenario in scenarios:
-        name = scenario.name
-        row = progress.add_task(f"record {name} {scenario.seed}", total=scenario.duration_max_s)
-        mission = recorded(scenario, cache_folder(), lambda s, row=row: progress.update(row, completed=s))
-        progress.remove_task(row)
-        judges[name] = judges.get(name) or Judge(scenario)
-        for rules in rule_sets:
-            row = progress.add_task(f"{name} {scenario.seed} {rules}", total=len(mission.scans))
-            replay, pool = Replay(scenario, rules), pools[name][rules]
-            judges[name].scans(mission, replay, pool, lambda row=row: progress.advance(row))
+        with _row(progress, f"record {scenario.name} {scenario.seed}", scenario.duration_max_s) as show:
+            mission = recorded(scenario, cache_folder(), lambda now_s, show=show: show(completed=now_s))
+        for prior, rules in product(priors, rule_sets):
+            name, told = f"{scenario.name} {prior}", with_prior(scenario, prior)
+            if name not in judges:
+                judges[name] = Judge(told)
+            replay, pool = Replay(told, rules), pools[name][rules]
+            with _row(progress, f"{name} {scenario.seed} {rules}", len(mission.scans)) as show:
+                judges[name].scans(mission, replay, pool, lambda show=show: show(advance=1))
             judges[name].maps(replay, pool)
-            progress.remove_task(row)
             progress.advance(whole)
-            if scenario.rules == rules and replay.glrm_hash() != mission.glrm_hash:
+            if scenario.rules == rules and prior == "exact" and replay.glrm_hash() != mission.glrm_hash:
                 progress.console.print(f"[yellow]{name} {scenario.seed}: `{rules}` makes another map than when it was "
-                                       f"recorded at {mission.commit}: the rules have changed since[/]")  # fmt: skip
+                                       f"recorded at {mission.commit}: something has changed since[/]")  # fmt: skip
     return {name: {rules: pool.figures() for rules, pool in of.items()} for name, of in pools.items()}
 
 
-def changes(rules: tuple[str, ...], progress: Progress) -> dict[str, dict[str, dict[str, float | None]]]:
+@contextmanager
+def _row(progress: Progress, what: str, total: float | None) -> Iterator[Callable[..., None]]:
+    """A line of the progress view while something lasts."""
+    row = progress.add_task(what, total=total)
+    try:
+        yield partial(progress.update, row)
+    finally:
+        progress.remove_task(row)
+
+
+def changes(rule_sets: Sequence[str], progress: Progress) -> dict[str, dict[str, dict[str, float | None]]]:
     """Times to find and to clear by course and rule set."""
     out: dict[str, dict[str, dict[str, float | None]]] = {}
     for course in map_street.COURSES:
-        row = progress.add_task(f"{course.what}, robot {course.robot}", total=None)
-        seen = list(map_street.views(course, seed=1))
-        progress.update(row, total=len(seen) * len(rules))
-        out[f"{course.what} {course.robot}"] = {
-            name: map_street.run_course(seen, course, name, lambda row=row: progress.advance(row)) for name in rules
-        }
-        progress.remove_task(row)
+        with _row(progress, f"{course.what}, robot {course.robot}", None) as show:
+            seen = list(map_street.views(course, seed=1))
+            show(total=len(seen) * len(rule_sets))
+            tick = partial(show, advance=1)
+            by_rules = {rules: map_street.run_course(seen, course, rules, tick) for rules in rule_sets}
+        out[f"{course.what} {course.robot}"] = by_rules
     return out
 
 
@@ -159,6 +183,7 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description="Judge the maps of recorded missions against the true scene.")
     parser.add_argument("--rules", default=RULES, help="rule sets, comma between; unknown ones are left out")
     parser.add_argument("--scenarios", default=SCENARIOS, help="folders under scenarios/, or paths")
+    parser.add_argument("--priors", default=PRIORS, help="what the robots are told before: exact, honest, none")
     parser.add_argument("--seeds", type=int, default=3, help="missions a scenario: its own seed and those after it")
     parser.add_argument("--details", action="store_true", help="the robots' fine maps, distances and calibration too")
     parser.add_argument("--only", choices=("maps", "changes"), help="the recorded missions, or the made-up street")
@@ -182,7 +207,7 @@ def main() -> int:
     try:
         with Progress(console=console, transient=True) as progress:
             if asked.only != "changes":
-                figures["maps"] = score(rules, scenarios, progress)
+                figures["maps"] = score(rules, asked.priors.split(","), scenarios, progress)
             if asked.only != "maps":
                 figures["changes"] = changes(rules, progress)
     except KeyboardInterrupt:

@@ -66,15 +66,15 @@ class View:
 
 def views(course: Course, seed: int) -> Iterator[View]:
     """The scans of a course."""
-    with_house = STREET.model_copy(update={"buildings": (*STREET.buildings, HOUSE)})
-    scenes = {False: build_scene(STREET), True: build_scene(with_house) if course.what == "house" else None}
-    imagers = {there: RangeImager(scene, STREET.laser) for there, scene in scenes.items() if scene}
+    street = build_scene(STREET)
+    with_house = build_scene(STREET.model_copy(update={"buildings": (*STREET.buildings, HOUSE)}))
+    imagers = [RangeImager(scene, STREET.laser) for scene in (street, with_house)]
     drawn, rays = np.random.default_rng(seed), STREET.laser.rings * STREET.laser.columns
     for k in range(_scans(course)):
         stamp_s = k * PERIOD_NS * 1e-9
         there = BEGIN_S <= stamp_s < BEGIN_S + _present_s(course)
         bodies = _bodies(course, stamp_s) if there else ()
-        R_map_robot, position_m = standing(scenes[False], *_on_rails(course, stamp_s))
+        R_map_robot, position_m = standing(street, *_on_rails(course, stamp_s))
         draws = drawn.integers(0, 2**16, (2, rays), np.uint16)
         imager = imagers[there and course.what == "house"]
         ranges = imager.image(R_map_robot, position_m, boxes(bodies), draws)
@@ -133,8 +133,8 @@ def run_course(seen: Sequence[View], course: Course, rules: str, tick: Callable[
                      shows(planning.blocked, planning.grid, there))  # fmt: skip
         tick()
     stamps_s, shows_it = np.array([view.stamp_s for view in seen]), np.array(shown)
-    there = stamps_s < end_s
-    found_s = time_to_find_s(stamps_s[there], shows_it[there], BEGIN_S)
+    before = stamps_s < end_s
+    found_s = time_to_find_s(stamps_s[before], shows_it[before], BEGIN_S)
     cleared_s = time_to_clear_s(stamps_s, shows_it, end_s)
     return {"found_s": found_s, "cleared_s": math.nan if found_s is None and cleared_s == 0 else cleared_s}
 

@@ -6,8 +6,18 @@ import numpy as np
 import pytest
 from orograph.layers import UNKNOWN_GRADIENT
 from orograph.messages import UPDATE
+from orograph.registers import unpack
 from orograph.scenario import Scenario
-from orograph.scene.prior import building_cover, given_layers, prior_records
+from orograph.scene.buildings import footprint_polygon
+from orograph.scene.prior import (
+    believed_buildings,
+    believed_terrain,
+    building_cover,
+    given_layers,
+    prior_records,
+)  # fmt: skip
+from orograph.scene.terrain import ground_height_m
+from shapely import Point
 
 
 def scenario(**fields) -> Scenario:
@@ -52,7 +62,7 @@ def test_overlaps_count_once_and_what_lies_outside_not_at_all():
     square = [[20, 10], [22, 10], [22, 14], [20, 14]]
     outside = [[25, 15], [60, 15], [60, 80], [25, 80]]
     world = scenario(buildings=[{"footprint": corners, "height_m": 5.0} for corners in (square, square, outside)])
-    cover = building_cover(world, world.grid.grid)
+    cover = building_cover([footprint_polygon(b) for b in world.buildings], world.grid.grid)
     assert cover[2, 4] == pytest.approx(8 / 25)
     assert cover[3, 5] == pytest.approx(1.0)
     assert cover.sum() == pytest.approx(8 / 25 + 1.0)
@@ -71,3 +81,57 @@ def test_given_layers_later_areas_win_and_edges_are_half_open():
     np.testing.assert_array_equal(gps_quality, [[2, 1, 1, 1, 2, 2], [2, 1, 0, 1, 2, 2], [2] * 6, [2] * 6])
     # Centres at 2.5 m are on the low edge, inside; those at 7.5 m on the high edge, outside.
     np.testing.assert_array_equal(communications, [[0, 1, 1, 1, 1, 1], [1] * 6, [1] * 6, [1] * 6])
+
+
+HOUSES = [
+    {"footprint": [[x, y], [x + 20, y], [x + 20, y + 15], [x, y + 15]], "height_m": 6.0}
+    for x in range(20, 460, 50) for y in range(20, 460, 50)
+]  # fmt: skip
+
+
+def town(seed: int = 1, **prior: float) -> Scenario:
+    grid = {"cell_m": 5.0, "rows": 100, "cols": 100}
+    return scenario(seed=seed, grid=grid, buildings=HOUSES, prior=prior, terrain={"height_m": 3.0, "slope_x": 0.01})
+
+
+def test_a_prior_without_faults_is_the_true_scene():
+    world = town()
+    assert believed_terrain(world) == world.terrain
+    assert believed_buildings(world) == [footprint_polygon(b) for b in world.buildings]
+
+
+def test_ground_error_is_smooth_of_the_size_asked_for_and_of_the_seed():
+    x, y = np.meshgrid(np.arange(0, 500, 5.0), np.arange(0, 500, 5.0))
+    errors = []
+    for seed in (1, 2, 3):
+        wrong, true = town(seed, ground_error_m=0.4), town(seed)
+        errors.append(ground_height_m(believed_terrain(wrong), x, y) - ground_height_m(true.terrain, x, y))
+        assert np.sqrt(np.mean(errors[-1] ** 2)) == pytest.approx(0.4, rel=0.35)
+        assert np.abs(np.diff(errors[-1], axis=1)).max() < 0.5  # over 5 m
+    assert np.abs(errors[0] - errors[1]).max() > 0.4
+    again = ground_height_m(believed_terrain(town(1, ground_error_m=0.4)), x, y)
+    np.testing.assert_array_equal(again, errors[0] + ground_height_m(town().terrain, x, y))
+    records = prior_records(town(1, ground_error_m=0.4, missing=1.0)).reshape(100, 100)
+    at = x[::20, ::20] + 2.5, y[::20, ::20] + 2.5
+    believed_m = ground_height_m(believed_terrain(town(1, ground_error_m=0.4)), *at)
+    np.testing.assert_allclose(records["height"][::20, ::20] / 1e3, believed_m, atol=6e-4)
+
+
+def test_buildings_go_missing_are_misplaced_and_invented():
+    true = [footprint_polygon(b) for b in town().buildings]
+    assert not believed_buildings(town(missing=1.0))
+    assert 0.6 * len(true) < len(believed_buildings(town(missing=0.2))) < 0.95 * len(true)
+    shifts = [(b.centroid.x - a.centroid.x, b.centroid.y - a.centroid.y)
+              for a, b in zip(true, believed_buildings(town(shift_m=2.0)), strict=True)]  # fmt: skip
+    assert np.std(shifts) == pytest.approx(2.0, rel=0.3)
+    invented = believed_buildings(town(extra=0.1))[len(true) :]
+    assert len(invented) == round(0.1 * len(true))
+    assert not any(a.intersects(b) for a in invented for b in true)
+    assert all(a.distance(Point(2, 18)) > 4.9 for a in invented)  # the only place that this scenario names
+
+
+def test_without_confidence_nothing_is_known():
+    world = town(confidence=0)
+    known = unpack(prior_records(world), world.grid.grid)
+    np.testing.assert_array_equal(prior_records(world)["cell"], np.arange(10_000))
+    assert not known.known.any() and np.isnan(known.height).all() and np.isnan(known.occupation).all()
