@@ -11,7 +11,7 @@ VARIABLES = {
     "OROGRAPH_RADIO": "endpoint of the radio plane's router",
     "OROGRAPH_RUN_DIR": "where run folders are, or the run folder itself (the orchestrator says which)",
     "OROGRAPH_CAPACITY": "how many robots one process may hold (default 1)",
-    "OROGRAPH_ROBOT": "explicit robot id, instead of whichever is free",
+    "OROGRAPH_ROBOT": "explicit robot ids joined by +, instead of whichever are free",
 }
 
 
@@ -31,13 +31,12 @@ class Settings:
         missing = [f"{v} ({VARIABLES[v]})" for v in list(VARIABLES)[:3] if not os.environ.get(v)]
         if missing:
             raise SystemExit("orograph: not set: " + ", ".join(missing))
-        robot = os.environ.get("OROGRAPH_ROBOT", "")
         return cls(
             os.environ["OROGRAPH_SIM"],
             os.environ["OROGRAPH_RADIO"],
             Path(os.environ["OROGRAPH_RUN_DIR"]),
             int(os.environ.get("OROGRAPH_CAPACITY", "1")),
-            (robot,) if robot else (),
+            tuple(robot for robot in os.environ.get("OROGRAPH_ROBOT", "").split("+") if robot),
         )
 
     @property
