@@ -2,7 +2,6 @@
 
 import os
 import signal
-import time
 from pathlib import Path
 
 import pytest
@@ -41,9 +40,9 @@ class Nemesis:
     ("name", "frames"), [("map-manager", [150, 300]), ("robot-mapping-1", [200]), ("router-radio", [200])]
 )
 def test_a_killed_part_costs_nothing_that_was_acknowledged(name: str, frames: list[int], tmp_path: Path) -> None:
-    out, begin_s, nemesis, kills = prepare_out(tmp_path / "run", TINY), time.time(), Nemesis(name, frames), len(frames)
+    out, nemesis, kills = prepare_out(tmp_path / "run", TINY), Nemesis(name, frames), len(frames)
     run_processes(TINY, out, 1, (0, 0), nemesis.watch, nemesis.started)
-    finish(TINY, out, "processes", begin_s)
+    finish(TINY, out, "processes")
     summary = Summary.read(out)
     assert nemesis.kills == kills
     assert summary.complete and not summary.deterministic

@@ -12,7 +12,7 @@ from orograph.launch.lifecycle import finish, prepare_out
 from orograph.runtime.briefing import Briefing, running
 from orograph.runtime.watchdog import Watchdog
 from orograph.scenario import Scenario
-from orograph.storage.run_folder import LATEST, REPORT, SCENARIO, SCHEMA, WORLD, next_folder, write_whole
+from orograph.storage.run_folder import LATEST, REPORT, SCHEMA, WORLD, next_folder, write_whole
 
 SCHEMA_VERSION = "1"
 LEARN_S = 1.0
@@ -56,9 +56,8 @@ class ClusterRun:
         result, deadline_s = self._briefing.folder / WORLD, time.monotonic() + RESULT_S
         while not result.exists() and time.monotonic() < deadline_s and not watchdog.stop.is_set():
             watchdog.stop.wait(POLL_S)
-        begin_s = (self._briefing.folder / SCENARIO).stat().st_mtime
         try:
-            finish(self._briefing.scenario, self._briefing.folder, "containers", begin_s)
+            finish(self._briefing.scenario, self._briefing.folder, "containers")
             log.info("report: %s", self._briefing.folder / REPORT)
         except RunError as error:  # started again, this process would begin another run
             log.error("%s", error)

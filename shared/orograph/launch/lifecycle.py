@@ -14,7 +14,7 @@ from orograph.errors import InputError, RunError
 from orograph.launch.machine import this_machine
 from orograph.launch.progress import OnProgress, unseen
 from orograph.scenario import Scenario
-from orograph.storage.results import RunInfo, WorldResult
+from orograph.storage.results import RunInfo, Start, WorldResult
 from orograph.storage.run_folder import LOGS, SCENARIO, WORLD, new_folder, write_whole
 
 
@@ -50,7 +50,6 @@ def run(
 ) -> Path:  # fmt: skip
     """Run a resolved scenario to a finished run folder and return it; raises InputError, RunError."""
     out = prepare_out(out, scenario)
-    begin_s = time.time()
     if in_process:
         from orograph.launch.in_process import run_in_process
 
@@ -59,7 +58,7 @@ def run(
         from orograph.launch.processes import run_processes
 
         run_processes(scenario, out, capacity or default_capacity(scenario), ports, on_progress)
-    finish(scenario, out, "in-process" if in_process else "processes", begin_s)
+    finish(scenario, out, "in-process" if in_process else "processes")
     return out
 
 
@@ -69,22 +68,24 @@ def default_capacity(scenario: Scenario) -> int:
 
 
 def prepare_out(out: Path | None, scenario: Scenario) -> Path:
-    """A new or empty run folder that says what is to run; raises InputError where it can't be had."""
+    """A new or empty run folder that says what is to run, and since when; raises InputError where it can't be had."""
     out = new_folder(out, scenario.name)
     try:
         write_whole(out / SCENARIO, scenario.model_dump_json())
+        Start(unix_s=time.time()).write(out)
     except OSError as error:
         raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None
     return out
 
 
-def finish(scenario: Scenario, out: Path, runner: str, begin_s: float) -> None:
+def finish(scenario: Scenario, out: Path, runner: str) -> None:
     """Compose the finished run folder from what the services left; raises RunError where they left nothing."""
     from orograph.report.folder import compose  # heavy: only once there is something to compose
 
     if not (out / WORLD).exists():
         raise RunError(f"the world left no result; logs are in {out / LOGS}")
-    RunInfo.ran(WorldResult.read(out), scenario, runner, commit(), this_machine(), begin_s).write(out)
+    start_s = Start.read(out).unix_s
+    RunInfo.ran(WorldResult.read(out), scenario, runner, commit(), this_machine(), start_s).write(out)
     compose(out)
 
 

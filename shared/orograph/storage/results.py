@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
 
-from orograph.storage.run_folder import RUN, SUMMARY, WORLD, FolderError, read_text, write_whole
+from orograph.storage.run_folder import RUN, START, SUMMARY, WORLD, FolderError, read_text, write_whole
 
 if TYPE_CHECKING:
     from orograph.messages import RunEnd
@@ -43,6 +43,14 @@ class _Result(_Frozen):
         except ValidationError as error:
             place = ".".join(str(part) for part in error.errors()[0]["loc"])
             raise FolderError(f"{out / cls.FILE}: {place}: {error.errors()[0]['msg']}") from None
+
+
+class Start(_Result):
+    """When a run was begun: said in its folder, as whoever ends it may not have begun it."""
+
+    FILE: ClassVar[str] = START
+
+    unix_s: float
 
 
 class WorldResult(_Result):
