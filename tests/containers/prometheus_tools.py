@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 import yaml
-from orograph.launch.processes import free_port
+from ports import free_port
 
 ROOT = Path(__file__).parents[2]
 OPS = ROOT / "ops/prometheus"

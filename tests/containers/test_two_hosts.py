@@ -13,9 +13,9 @@ import pytest
 from containers.conftest import ROOT, Cluster, call, clusters, until
 from orograph import keys
 from orograph.launch.lifecycle import resolve, run
-from orograph.launch.processes import free_port
 from orograph.storage.results import Summary
 from orograph.storage.scenario_file import load_scenario
+from ports import free_port
 
 pytestmark = [pytest.mark.containers, pytest.mark.timeout(600)]
 FAR = tuple(f"{service}-far" for service in keys.ROBOT_SERVICES)

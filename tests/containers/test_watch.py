@@ -19,6 +19,7 @@ from orograph.launch import processes as launch
 from orograph.launch.lifecycle import prepare_out, resolve
 from orograph.launch.supervisor import Child, Supervisor
 from orograph.storage.scenario_file import load_scenario
+from ports import free_port
 
 pytestmark = pytest.mark.containers
 DEADLINE_S = 50.0
@@ -48,7 +49,7 @@ class Mission:
         self._thread.join(30)
 
     def meter(self, name: str, arguments: tuple[str, ...]) -> tuple[str, ...]:
-        address = f"127.0.0.1:{launch.free_port()}"
+        address = f"127.0.0.1:{free_port()}"
         job = next(job for job in sorted(JOBS) if name == job or name.startswith(f"{job}-"))
         self.targets[job].append(address)
         return (*arguments, "--metrics-port", address)

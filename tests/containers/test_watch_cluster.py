@@ -8,7 +8,7 @@ import pytest
 from containers.conftest import ROOT, Cluster, call, until
 from containers.prometheus_tools import Prometheus, questions
 from orograph import keys
-from orograph.launch.processes import free_port
+from ports import free_port
 
 pytestmark = pytest.mark.containers
 ROBOTS = 2

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Iterator
 
 import pytest
-from orograph.launch.processes import free_port
+from ports import free_port
 
 
 def free_endpoint() -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import socket
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from orograph import keys
@@ -22,15 +23,20 @@ from orograph.storage.run_folder import LOGS, SCENARIO, WORLD
 POLL_S = 0.1
 
 
-def free_port(wanted: int = 0) -> int:
-    """A loopback port nobody listens on; raises InputError where the wanted one is taken."""
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+@contextmanager
+def held_endpoint(port: int = 0) -> Iterator[str]:
+    """An endpoint on loopback for a router of ours, by default on a free port; raises InputError where it is taken.
+
+    The port is bound here all the time and never listened on: our router may (SO_REUSEADDR), also when it is started
+    again, and nobody else is given it.
+    """
+    with socket.socket() as holder:
+        holder.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            probe.bind(("127.0.0.1", wanted))
+            holder.bind(("127.0.0.1", port))
         except OSError as error:
-            raise InputError(f"port {wanted} on 127.0.0.1 is taken ({error.strerror}); choose another or 0") from None
-        return int(probe.getsockname()[1])
+            raise InputError(f"port {port} on 127.0.0.1 is taken ({error.strerror}); choose another or 0") from None
+        yield f"tcp/127.0.0.1:{holder.getsockname()[1]}"
 
 
 def run_processes(
@@ -38,9 +44,10 @@ def run_processes(
     on_started: Callable[[Supervisor], None] | None = None,
 ) -> None:  # fmt: skip
     """Run the mission whose resolved scenario is in out/parts to its end; raises RunError when it can't be."""
-    sim, radio = (f"tcp/127.0.0.1:{free_port(p)}" for p in ports)
-    settings = Settings(sim, radio, out.resolve(), capacity)
-    with Supervisor(settings.environment, out / LOGS) as supervisor:
+    with ExitStack() as stack:
+        sim, radio = (stack.enter_context(held_endpoint(port)) for port in ports)
+        settings = Settings(sim, radio, out.resolve(), capacity)
+        supervisor = stack.enter_context(Supervisor(settings.environment, out / LOGS))
         supervisor.start("router-sim", "services.router", "--listen", sim)
         supervisor.start("router-radio", "services.router", "--listen", radio)
         supervisor.start(keys.WORLD, "services.world", essential=True)

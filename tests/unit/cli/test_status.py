@@ -15,9 +15,9 @@ from orograph.cli import status
 from orograph.cli.main import main
 from orograph.comms import wire
 from orograph.comms.bus import Bus
-from orograph.launch import processes as launch
 from orograph.messages import ManagerStatus, MappingStatus, RobotStatus
 from orograph.nodes.standing import Ears, MapStanding, RobotStanding, Standing
+from ports import free_port
 from rich.console import Console
 
 S = 1_000_000_000
@@ -92,7 +92,7 @@ def test_one_silent_service_is_named() -> None:
 
 @pytest.fixture(scope="module")
 def router() -> Iterator[str]:
-    endpoint = f"tcp/127.0.0.1:{launch.free_port()}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     process = subprocess.Popen([sys.executable, "-m", "services.router", "--listen", endpoint])
     try:
         yield endpoint
@@ -150,7 +150,7 @@ def test_watching_asks_again_until_interrupted(
 
 
 def test_nobody_there_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    endpoint = f"tcp/127.0.0.1:{launch.free_port()}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     assert f"no router answers at {endpoint}" in line(capsys, 1, "--router", endpoint)
 
 
