@@ -21,14 +21,12 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
-import map_replay
-import map_street
-import map_tables
 import numpy as np
-from map_recording import Mission, recorded
-from map_replay import Replay, believed
+from bench import map_replay, map_street, map_tables
+from bench.map_recording import Mission, recorded
+from bench.map_replay import Replay, believed
 from orograph.geometry import ray_directions, rotation_from_quaternion
 from orograph.judge.map_obstacles import SIGHTING, Body, ghosts, obstacle_figures, sightings
 from orograph.judge.map_score import Judged, calibration, confident, judged, map_figures, wrong_though_sure

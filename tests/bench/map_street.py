@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from map_replay import Replay
+from bench.map_replay import Replay
 from orograph.arrays import F64
 from orograph.judge.map_changes import time_to_clear_s, time_to_find_s
 from orograph.judge.map_obstacles import Body, remains, shows
