@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import Counter, defaultdict
+from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Mapping
 
 from orograph import keys
@@ -20,28 +20,32 @@ PATIENCE_S = 2.0
 """Longest wait for a counted message: the link's lease. It was lost if it takes longer."""
 CUT_PATIENCE_S = 0.05
 """Wait per frame on a plane that has just been seen to lose messages, until it is whole again."""
-BOUND = 8_192
+BOUND, BOUND_BYTES = 8_192, 256 * 2**20
+"""What waits is at most so many messages of so many bytes together; beyond that the oldest go."""
+AHEAD_FRAMES_MAX = 100
+"""Senders are ahead of this process by no more than a tick's journey; what says otherwise would wait for ever."""
 
 
 class Mailbox:
     """Bounded store of received envelopes; filled by Zenoh's callback threads, emptied by the stepping thread."""
 
-    def __init__(self, bound: int = BOUND) -> None:
-        self._bound = bound
+    def __init__(self, bound: int = BOUND, bound_bytes: int = BOUND_BYTES) -> None:
+        self._bound, self._bound_bytes = bound, bound_bytes
         self._changed = threading.Condition()
         self._joiner = wire.Joiner()
-        self._envelopes: list[Envelope] = []
+        self._waiting: deque[tuple[Envelope, int]] = deque()
+        self._waiting_bytes = 0
         self._arrived: Counter[tuple[int, Route]] = Counter()
         self._cut: set[str] = set()
         self.lost = 0
-        """Messages to these nodes that none of them will see: given up, overflowed, or whole and yet unreadable."""
+        """Messages to these nodes that none of them will see: given up, overflowed, astray, or unreadable."""
         self.counts: defaultdict[str, int] = defaultdict(int)
         self.bytes_received: Counter[tuple[str, str, str]] = Counter()
 
     @property
     def waiting(self) -> int:
         """Messages received and not yet taken."""
-        return len(self._envelopes)
+        return len(self._waiting)
 
     def add(self, key: str, piece: bytes) -> None:
         """Take one fragment off the wire; bad ones are counted by reason and change nothing."""
@@ -61,14 +65,17 @@ class Mailbox:
             return
         frame, index, payload = whole
         self._arrived[frame, (plane, to, sender)] += 1
+        if len(self._arrived) > self._bound:
+            del self._arrived[next(iter(self._arrived))]
         try:
             message = wire.decode(kind, payload)
         except Rejected:
             self.lost += 1
             raise
-        self._envelopes.append(Envelope(plane, to, sender, frame, index, message))
-        if len(self._envelopes) > self._bound:
-            del self._envelopes[0]
+        self._waiting.append((Envelope(plane, to, sender, frame, index, message), len(payload)))
+        self._waiting_bytes += len(payload)
+        while len(self._waiting) > self._bound or self._waiting_bytes > self._bound_bytes:
+            self._waiting_bytes -= self._waiting.popleft()[1]
             self.lost += 1
             self.counts["overflowed"] += 1
 
@@ -100,10 +107,15 @@ class Mailbox:
 
     def take(self, before: int, newest_only: bool) -> list[Envelope]:
         """Remove and return what was sent in frames before `before`, ordered by (frame, sender, index)."""
+        soon = range(before, before + AHEAD_FRAMES_MAX)
         with self._changed:
-            ready = [e for e in self._envelopes if e.frame < before]
-            self._envelopes = [e for e in self._envelopes if e.frame >= before]
-            for counted in [c for c in self._arrived if c[0] < before]:
+            ready = [e for e, _ in self._waiting if e.frame < before]
+            kept = deque((e, size) for e, size in self._waiting if e.frame in soon)
+            astray = len(self._waiting) - len(ready) - len(kept)
+            self.counts["rejected_frame"] += astray
+            self.lost += astray
+            self._waiting, self._waiting_bytes = kept, sum(size for _, size in kept)
+            for counted in [c for c in self._arrived if c[0] not in soon]:
                 del self._arrived[counted]
         ready.sort(key=lambda e: (e.frame, e.sender, e.index))
         return self._thin(ready) if newest_only else ready

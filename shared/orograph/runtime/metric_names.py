@@ -35,8 +35,22 @@ def _gauge(name: str, help_text: str) -> Metric:
     return Metric(f"orograph_{name}", "gauge", help_text)
 
 
-WIRE_REASONS = ("kind", "size", "keys", "schema", "msgpack", "type", "range", "shape", "crc", "doubled", "dtype", "key")
-"""Why `comms.wire` and `keys` refuse what came off the wire."""
+WIRE_REASONS = (
+    "kind",
+    "size",
+    "keys",
+    "schema",
+    "msgpack",
+    "type",
+    "range",
+    "shape",
+    "crc",
+    "doubled",
+    "dtype",
+    "frame",
+    "key",
+)
+"""Why `comms` and `keys` refuse what came off the wire."""
 INPUT_REASONS = (
     "shape", "cell_range", "duplicate_cell", "no_evidence", "height_range", "future_tick", "tile_range", "unexpected",
     "unknown_robot", "flood", "fenced_epoch",

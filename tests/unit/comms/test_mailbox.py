@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from orograph import keys
 from orograph.comms import mailbox, wire
-from orograph.comms.mailbox import CUT_PATIENCE_S, Mailbox, routes_to
+from orograph.comms.mailbox import AHEAD_FRAMES_MAX, CUT_PATIENCE_S, Mailbox, routes_to
 from orograph.messages import POSE, Bodies, Drive
 
 STOP = threading.Event()
@@ -93,6 +93,33 @@ def test_what_overflows_is_lost_although_it_had_arrived() -> None:
     assert box.await_counted(7, {(keys.SIM, "world", "navigator/robot_001"): 5}, STOP) == 0
     assert [e.index for e in box.take(8, newest_only=False)] == [2, 3, 4]
     assert box.lost == box.counts["overflowed"] == 2
+
+
+def test_what_waits_is_bounded_in_bytes() -> None:
+    size = len(wire.encode(Drive(7, 0.0, 0.0)))
+    box = Mailbox(bound_bytes=3 * size)
+    for index in range(5):
+        _post(box, "navigator/robot_001", 7, index)
+    assert [e.index for e in box.take(8, newest_only=False)] == [2, 3, 4] and box.lost == 2
+    for index in range(3):
+        _post(box, "navigator/robot_001", 8, index)
+    assert len(box.take(9, newest_only=False)) == 3 and box.lost == 2
+
+
+def test_what_says_that_it_is_of_a_far_future_does_not_stay() -> None:
+    box = Mailbox()
+    for frame in (7, 7 + AHEAD_FRAMES_MAX, 8 + AHEAD_FRAMES_MAX, 2**32 - 1):
+        _post(box, "navigator/robot_001", frame, 0)
+    assert [e.frame for e in box.take(8, newest_only=False)] == [7]
+    assert (box.waiting, box.counts["rejected_frame"], box.lost) == (1, 2, 2)
+    assert [e.frame for e in box.take(8 + AHEAD_FRAMES_MAX, newest_only=False)] == [7 + AHEAD_FRAMES_MAX]
+
+
+def test_a_flood_before_the_first_frame_stays_within_bounds() -> None:
+    box = Mailbox(bound=16)
+    for frame in range(200):
+        _post(box, "navigator/robot_001", frame, 0)
+    assert box.waiting == len(box._arrived) == 16
 
 
 def test_a_whole_message_that_cannot_be_read_is_lost_without_a_wait() -> None:
