@@ -1,0 +1,102 @@
+"""The library's door: what readers of recorded scans give becomes what the rules take, or is refused in words.
+
+The simulation's own scans come through typed messages and skip it. Coordinates are those of the map frame [m].
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from orograph.arrays import F64
+
+RANGE_MIN_M = 1.0
+"""What comes back from nearer is no surface: rays without a return at the sensor's own place, the robot's own body."""
+FLOAT32_STEP_MAX_M = 2e-3
+"""Coarsest step of float32 coordinates that is taken: as fine as the ranges of the simulated laser."""
+CLOCK_BACK_NS = 1_000_000_000
+"""A stamp that lies further back than this is of a clock that was set back; a nearer one came late."""
+TICK_MAX = 2**32 - 1
+"""Ticks are milliseconds in 32 bits: 49 days from the first scan on."""
+
+
+def checked_points(points: npt.ArrayLike) -> npt.NDArray[Any]:
+    """Points (n, 3) [m, map frame] from (n, >= 3) or an organised cloud (h, w, >= 3); further columns are left out.
+
+    Raises ValueError for other shapes and types, and for float32 too far from zero to hold them.
+    """
+    array = np.asarray(points)
+    if array.size == 0:
+        return np.zeros((0, 3))
+    if array.dtype.kind not in "fiu":
+        raise ValueError(f"points: expected numbers (n, 3) [m], found {array.dtype}; pick the fields x, y, z")
+    if array.ndim not in (2, 3) or array.shape[-1] < 3:
+        raise ValueError(f"points: expected (n, 3) or more columns [m, map frame], found {array.shape}")
+    flat = array.reshape(-1, array.shape[-1])[:, :3]
+    if flat.dtype == np.float32:
+        far_m = np.float32(np.max(np.abs(flat), initial=0.0, where=np.isfinite(flat)))
+        if (step_m := float(np.spacing(far_m))) > FLOAT32_STEP_MAX_M:
+            raise ValueError(
+                f"points: float32 holds steps of {step_m:g} m at {far_m:.0f} m: give float64, or shift the map's origin"
+            )
+        return np.ascontiguousarray(flat)
+    return np.ascontiguousarray(flat, np.float64)
+
+
+def checked_ranges(ranges_m: npt.ArrayLike, count: int) -> F64:
+    """Ranges (n,) [m], one for each of `count` points, from (n,), (n, 1) or (h, w); raises ValueError."""
+    array = np.asarray(ranges_m)
+    if array.size == 0 and count == 0:
+        return np.zeros(0)
+    if array.dtype.kind not in "fiu" or array.size != count:
+        raise ValueError(
+            f"ranges_m: expected one number for each of {count} points [m], found {array.shape} of {array.dtype}"
+        )
+    return np.ascontiguousarray(array.reshape(-1), np.float64)
+
+
+def checked_position(position_xy_m: npt.ArrayLike) -> tuple[float, float]:
+    """The robot's (x, y) [m, map frame]; raises ValueError for what is no place."""
+    array = np.asarray(position_xy_m, np.float64).reshape(-1)
+    if len(array) < 2 or not np.isfinite(array[:2]).all():
+        raise ValueError(f"position_xy_m: expected finite (x, y) [m, map frame], found {array.tolist()}")
+    return float(array[0]), float(array[1])
+
+
+def positive(name: str, value: float) -> float:
+    """The number, finite and above 0; raises ValueError."""
+    if not (math.isfinite(value) and value > 0):
+        raise ValueError(f"{name}: expected a finite number above 0, found {value}")
+    return value
+
+
+class ScanClock:
+    """Ticks [ms] of scans by any clock that counts nanoseconds: only differences of stamps enter the rules.
+
+    Simulation time stays as it is. Another clock (Unix, GPS, negative) counts from its first stamp. A clock that was
+    set back goes on from the newest tick and is counted; a stamp that merely came late keeps its own.
+    """
+
+    def __init__(self) -> None:
+        self._zero_ns: int | None = None
+        self._newest_ns = 0
+        self.restarts = 0
+
+    def tick(self, stamp_ns: int) -> int:
+        """The tick of a scan; raises ValueError for a stamp beyond what ticks can count."""
+        stamp_ns = int(stamp_ns)
+        if self._zero_ns is None:
+            self._zero_ns = 0 if 0 <= stamp_ns < TICK_MAX // 2 * 1_000_000 else stamp_ns
+            self._newest_ns = stamp_ns
+        elif stamp_ns < self._newest_ns - CLOCK_BACK_NS:
+            self._zero_ns -= self._newest_ns - stamp_ns
+            self._newest_ns = stamp_ns
+            self.restarts += 1
+        self._newest_ns = max(self._newest_ns, stamp_ns)
+        tick = max(0, (stamp_ns - self._zero_ns) // 1_000_000)
+        if tick > TICK_MAX:
+            raise ValueError(f"stamp_ns: {stamp_ns} lies more than 49 days after the first scan; begin a new map")
+        return tick
