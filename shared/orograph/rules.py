@@ -50,6 +50,16 @@ class Rules:
     printed_equation_12: bool = False
 
     @classmethod
+    def paper(cls) -> Rules:
+        """The paper's: no height gate, no decay."""
+        return NAMED["paper"]
+
+    @classmethod
+    def default(cls) -> Rules:
+        """With a height gate of 1 m and a half-life of 60 s."""
+        return NAMED["default"]
+
+    @classmethod
     def of(cls, rules: NamedRules | Rules) -> Rules:
         """The rules that a scenario names or spells out."""
         return NAMED[rules] if isinstance(rules, str) else rules

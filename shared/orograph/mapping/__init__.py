@@ -4,5 +4,6 @@ from orograph.mapping.fusion import fuse
 from orograph.mapping.mapper import RobotMapper
 from orograph.mapping.reconstruction import reconstruct
 from orograph.mapping.rescaling import rescale
+from orograph.rules import Rules as FusionRules
 
-__all__ = ["RobotMapper", "fuse", "reconstruct", "rescale"]
+__all__ = ["FusionRules", "RobotMapper", "fuse", "reconstruct", "rescale"]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from orograph.arrays import F64
+from orograph.arrays import F64, Mask
 
 RANGE_MIN_M = 1.0
 """What comes back from nearer is no surface: rays without a return at the sensor's own place, the robot's own body."""
@@ -58,12 +58,23 @@ def checked_ranges(ranges_m: npt.ArrayLike, count: int) -> F64:
     return np.ascontiguousarray(array.reshape(-1), np.float64)
 
 
+def near(ranges_m: F64, range_min_m: float) -> Mask:
+    """Which of ranges (n,) [m] are no measurement of a surface: at or below 0, or below the smallest range."""
+    return (ranges_m <= 0) | (ranges_m < range_min_m)
+
+
 def checked_position(position_xy_m: npt.ArrayLike) -> tuple[float, float]:
     """The robot's (x, y) [m, map frame]; raises ValueError for what is no place."""
     array = np.asarray(position_xy_m, np.float64).reshape(-1)
     if len(array) < 2 or not np.isfinite(array[:2]).all():
         raise ValueError(f"position_xy_m: expected finite (x, y) [m, map frame], found {array.tolist()}")
     return float(array[0]), float(array[1])
+
+
+def within(points: npt.NDArray[Any], extent_m: tuple[float, float, float, float]) -> Mask:
+    """Which points (n, 3) lie in a rectangle (x_min, y_min, x_max, y_max), half-open as cells are."""
+    x0, y0, x1, y1 = extent_m
+    return (points[:, 0] >= x0) & (points[:, 0] < x1) & (points[:, 1] >= y0) & (points[:, 1] < y1)
 
 
 def positive(name: str, value: float) -> float:
@@ -77,7 +88,8 @@ class ScanClock:
     """Ticks [ms] of scans by any clock that counts nanoseconds: only differences of stamps enter the rules.
 
     Simulation time stays as it is. Another clock (Unix, GPS, negative) counts from its first stamp. A clock that was
-    set back goes on from the newest tick and is counted; a stamp that merely came late keeps its own.
+    set back is counted, and as much time is taken to have passed: what was seen before may have changed since. A stamp
+    that merely came late keeps its own.
     """
 
     def __init__(self) -> None:
@@ -92,7 +104,7 @@ class ScanClock:
             self._zero_ns = 0 if 0 <= stamp_ns < TICK_MAX // 2 * 1_000_000 else stamp_ns
             self._newest_ns = stamp_ns
         elif stamp_ns < self._newest_ns - CLOCK_BACK_NS:
-            self._zero_ns -= self._newest_ns - stamp_ns
+            self._zero_ns -= 2 * (self._newest_ns - stamp_ns)
             self._newest_ns = stamp_ns
             self.restarts += 1
         self._newest_ns = max(self._newest_ns, stamp_ns)

@@ -11,6 +11,16 @@ from orograph.arrays import F32, F64
 from orograph.grid import Grid
 from orograph.layers import CONFIDENCE, CellMap
 from orograph.mapping.cells import Cells, Given, Values, cut, map_of, unknown_values
+from orograph.mapping.door import (
+    RANGE_MIN_M,
+    ScanClock,
+    checked_points,
+    checked_position,
+    checked_ranges,
+    near,
+    positive,
+    within,
+)  # fmt: skip
 from orograph.mapping.evidence import Evidence
 from orograph.mapping.fusion import fuse
 from orograph.mapping.occupancy import Codes, OccupancyView
@@ -30,28 +40,47 @@ class RobotMapper:
     def __init__(
         self, glrm_grid: Grid, hrm_cells: int, per_glrm_cell: int, rules: Rules, range_max_m: float,
         slope_max: float = SLOPE_MAX, given: Given | None = None, stage: Stage = untimed,
+        range_min_m: float = RANGE_MIN_M,
     ) -> None:  # fmt: skip
-        """`given`: the GLRM's gps_quality and communications layers; `stage` times the rows of the paper's Table 2."""
+        """`given`: the GLRM's gps_quality and communications layers; `stage` times the rows of the paper's Table 2.
+
+        Points nearer than `range_min_m` are no surface; raises ValueError for ranges and slopes that cannot be.
+        """
+        positive("slope_max", slope_max)
         self._evidence = Evidence(glrm_grid, hrm_cells, per_glrm_cell)
-        self._reconstructor = Reconstructor(hrm_cells**2, range_max_m, slope_max, stage)
+        self._reconstructor = Reconstructor(hrm_cells**2, positive("range_max_m", range_max_m), slope_max, stage)
         self._rules, self._slope_max, self._stage = rules, slope_max, stage
         self._given = map_of(unknown_values(glrm_grid.size), glrm_grid, given)
         self._fine_rules, self._coarse_rules = rules.real(slope_max), rules.real(None)
         self._acknowledged = Held(glrm_grid.size)
         self._planning = OccupancyView(self._evidence, self._fine_rules)
+        self._range_min_m, self._clock = range_min_m, ScanClock()
+        self._below_range = self._outside_map = 0
 
     def step(
-        self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], position_xy_m: npt.ArrayLike, stamp_ns: int
+        self, points: npt.ArrayLike, ranges_m: npt.ArrayLike, position_xy_m: npt.ArrayLike, stamp_ns: int
     ) -> Packed:
         """Map one scan: points (n, 3) [m, map frame] measured at ranges (n,) [m]; returns the UpdatedCellsList.
 
-        The HRM follows `position_xy_m`. The list (UPDATE, ascending cells, seq 0) holds the touched cells that moved
-        enough since they were last acknowledged, each with the robot's whole evidence for it (mapping.md section 4).
+        The HRM follows `position_xy_m`; `stamp_ns` is of any clock that counts nanoseconds. The list (UPDATE, ascending
+        cells, seq 0) holds the touched cells that moved enough since they were last acknowledged, each with the robot's
+        whole evidence for it (mapping.md section 4). Raises ValueError for what is no scan.
         """
+        points = checked_points(points)
+        ranges_m = checked_ranges(ranges_m, len(points))
+        dropped = near(ranges_m, self._range_min_m)
+        self._below_range += int(dropped.sum())
+        x_m, y_m = checked_position(position_xy_m)
+        return self._map(points[~dropped], ranges_m[~dropped], (x_m, y_m), self._clock.tick(stamp_ns))
+
+    def _map(
+        self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], position_xy_m: npt.ArrayLike, tick: int
+    ) -> Packed:
         evidence = self._evidence
         self.roll_to(position_xy_m)
+        self._count_outside_map(points)
         cells, aux = self._reconstructor.aux(points, ranges_m, evidence.grid)
-        ticks = np.full(len(cells), stamp_ns // 1_000_000, np.uint32)
+        ticks = np.full(len(cells), tick, np.uint32)
         with self._stage("fuse_hrm"):
             evidence.fuse_fine(cells, aux, ticks, self._fine_rules)
         with self._stage("rescale"):
@@ -68,7 +97,14 @@ class RobotMapper:
         """The same from a range image (u2, RANGE_UNIT_M) and the laser's pose in the map frame; the HRM follows it."""
         with self._stage("points"):
             points, ranges_m = points_from_ranges(ranges, directions, R_map_robot, laser_position_m)
-        return self.step(points, ranges_m, np.asarray(laser_position_m)[:2], stamp_ns)
+        return self._map(points, ranges_m, np.asarray(laser_position_m)[:2], stamp_ns // 1_000_000)
+
+    def _count_outside_map(self, points: npt.NDArray[Any]) -> None:
+        """Points in the HRM and beyond the GLRM are mapped as long as they are in sight, and lost to everybody else."""
+        window, whole = self._evidence.grid.extent_m, self._evidence.glrm.extent_m
+        if window[0] >= whole[0] and window[1] >= whole[1] and window[2] <= whole[2] and window[3] <= whole[3]:
+            return
+        self._outside_map += int((within(points, window) & ~within(points, whole)).sum())
 
     def acknowledge(self, records: Packed) -> None:
         """The Map Manager holds these registers (UPDATE)."""
@@ -136,8 +172,14 @@ class RobotMapper:
 
     @property
     def dropped(self) -> dict[str, int]:
-        """Points dropped so far by reason: not_finite, beyond_range, outside_grid."""
-        return dict(zip(DROP_REASONS, self._reconstructor.dropped.tolist(), strict=True))
+        """Points dropped so far by reason; `outside_map`: kept in the HRM alone, as the GLRM ends before them."""
+        reconstructed = dict(zip(DROP_REASONS, self._reconstructor.dropped.tolist(), strict=True))
+        return {**reconstructed, "below_range": self._below_range, "outside_map": self._outside_map}
+
+    @property
+    def clock_restarts(self) -> int:
+        """How often the scans' clock was set back."""
+        return self._clock.restarts
 
     def roll_to(self, position_xy_m: npt.ArrayLike) -> None:
         """Bring the HRM's centre within one GLRM cell of a position [m, map frame]; `step` does it by itself."""

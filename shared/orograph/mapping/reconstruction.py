@@ -12,6 +12,7 @@ from orograph.grid import Grid
 from orograph.layers import CellMap
 from orograph.mapping import reconstruction_kernels as kernels
 from orograph.mapping.cells import Cells, Values, map_of, unknown_values
+from orograph.mapping.door import checked_points, checked_ranges, near, positive
 from orograph.rules import SLOPE_MAX
 from orograph.stages import Stage, untimed
 
@@ -74,13 +75,18 @@ class Reconstructor:
 
 
 def reconstruct(
-    points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], grid: Grid, range_max_m: float, slope_max: float = SLOPE_MAX
+    points: npt.ArrayLike, ranges_m: npt.ArrayLike, grid: Grid, range_max_m: float, slope_max: float = SLOPE_MAX
 ) -> CellMap:
     """The 3DLaserAuxMap of points (n, 3) [m, map frame] measured at ranges (n,) [m] (mapping.md section 2).
 
-    Points that are not finite, beyond `range_max_m` or outside the grid are dropped.
+    Points that are not finite, at no positive range, beyond `range_max_m` or outside the grid are dropped.
+    Raises ValueError for what is no scan.
     """
-    cells, touched = Reconstructor(grid.size, range_max_m, slope_max).aux(points, ranges_m, grid)
+    points = checked_points(points)
+    ranges_m = checked_ranges(ranges_m, len(points))
+    kept = ~near(ranges_m, 0.0)
+    mapper = Reconstructor(grid.size, positive("range_max_m", range_max_m), slope_max)
+    cells, touched = mapper.aux(points[kept], ranges_m[kept], grid)
     values = unknown_values(grid.size)
     values[cells] = touched
     return map_of(values, grid)

@@ -56,7 +56,7 @@ INPUT_REASONS = (
     "unknown_robot", "flood", "fenced_epoch",
 )  # fmt: skip
 """Why the Map Manager refuses a robot's message."""
-POINT_REASONS = ("not_finite", "beyond_range", "outside_grid")
+POINT_REASONS = ("not_finite", "below_range", "beyond_range", "outside_grid", "outside_map")
 
 WORLD = {
     "robots": _gauge("world_robots", "Robots that have a body."),

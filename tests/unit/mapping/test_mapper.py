@@ -19,12 +19,22 @@ from orograph.stages import StageRecorder
 
 GLRM = Grid((0.0, 0.0), 5.0, (6, 7))
 SECOND_NS = 1_000_000_000
+NEAR_M = 1e-9
+"""The nearest range that counts, where f(D) is 1."""
 
 
 def mapper(**changes) -> RobotMapper:
     """Windows of 3 x 3 GLRM cells of 4 x 4 HRM cells."""
     return RobotMapper(
-        **{"glrm_grid": GLRM, "hrm_cells": 12, "per_glrm_cell": 4, "rules": DEFAULT, "range_max_m": 80.0} | changes
+        **{
+            "glrm_grid": GLRM,
+            "hrm_cells": 12,
+            "per_glrm_cell": 4,
+            "rules": DEFAULT,
+            "range_max_m": 80.0,
+            "range_min_m": 0.0,
+        }
+        | changes
     )
 
 
@@ -36,7 +46,7 @@ def patch(x_m: float, y_m: float, z_m: float = 1.0, slope: float = 0.0) -> np.nd
 
 
 def see(robot: RobotMapper, points: np.ndarray, at=(12.0, 12.0), stamp_ns: int = SECOND_NS) -> Packed:
-    return robot.step(points, np.zeros(len(points)), at, stamp_ns)
+    return robot.step(points, np.full(len(points), NEAR_M), at, stamp_ns)
 
 
 def rows(records: Packed, epoch: int = 1) -> Packed:
@@ -111,8 +121,38 @@ def test_the_flush_names_everything_that_differs_at_all():
 def test_points_dropped_are_counted_by_reason():
     robot = mapper()
     points = np.vstack([patch(11.25, 12.5), [[np.nan, 0, 0], [11.0, 12.0, 0], [99.0, 0, 0]]])
-    robot.step(points, np.array([0.0] * 17 + [81.0, 1.0]), (12.0, 12.0), 0)
-    assert robot.dropped == {"not_finite": 1, "beyond_range": 1, "outside_grid": 1}
+    points = np.vstack([points, [[12.0, 12.0, 0.5]] * 3])
+    robot.step(points, np.array([NEAR_M] * 17 + [81.0, 1.0, 0.0, -1.0, -1e9]), (12.0, 12.0), 0)
+    assert robot.dropped == {
+        "not_finite": 1, "beyond_range": 1, "outside_grid": 1, "below_range": 3, "outside_map": 0,
+    }  # fmt: skip
+
+
+def test_the_own_body_and_rays_without_return_are_no_surface():
+    robot = RobotMapper(GLRM, 12, 4, DEFAULT, 80.0)
+    listed = see(robot, patch(11.25, 12.5))
+    assert not len(listed) and not robot.evidence.known.any()
+    assert robot.dropped["below_range"] == 16
+
+
+def test_what_lies_beyond_the_global_map_is_counted():
+    robot = mapper()
+    see(robot, np.vstack([patch(-3.75, 2.5), patch(2.5, 2.5)]), at=(1.0, 1.0))
+    assert robot.dropped["outside_map"] == 16 and robot.dropped["outside_grid"] == 0
+
+
+def test_a_clock_that_restarts_is_counted_and_the_map_goes_on():
+    robot = mapper()
+    for stamp_s in (0, 300, 0):
+        see(robot, patch(11.25, 12.5, z_m=float(stamp_s == 0)), stamp_ns=stamp_s * SECOND_NS)
+    assert robot.clock_restarts == 1
+    assert robot.registers()["tick"].tolist() == [600_000]
+
+
+def test_numbers_that_cannot_be_are_refused_in_words():
+    for changes in ({"range_max_m": 0.0}, {"range_max_m": np.nan}, {"slope_max": 0.0}):
+        with pytest.raises(ValueError, match="expected a finite number above 0"):
+            mapper(**changes)
 
 
 def test_the_window_keeps_the_robot_within_one_glrm_cell_of_its_centre_and_does_not_tremble():
@@ -341,7 +381,7 @@ def test_a_whole_run_equals_the_oracle(steps, blocks, paper):
         points = np.vstack(
             [points, patch(float(np.floor(x)), float(np.floor(y)), slope=float(rng.choice([0, 0.1, 1.5])))]
         )
-        ranges_m = rng.uniform(0, 82, len(points))
+        ranges_m = rng.uniform(1e-6, 82, len(points))
         touched = slow.scan(points, ranges_m, x, y, tick)
         listed = robot.step(points, ranges_m, (x, y), tick * 1_000_000)
         assert {divmod(int(c), 7) for c in listed["cell"]} == touched, "nothing is acknowledged, so all that is touched"

@@ -14,6 +14,10 @@ GRID = Grid((10.0, -5.0), 0.5, (8, 12))
 CORNERS = np.array([[0.1, 0.1], [0.4, 0.1], [0.1, 0.4], [0.4, 0.4]])
 
 
+NEAR_M = 1e-9
+"""The nearest range that counts, where f(D) is 1."""
+
+
 def in_cell(row: int, col: int, z_m, places=CORNERS) -> np.ndarray:
     """Points at `places` (n, 2) [m] within a cell of GRID."""
     x0, y0 = GRID.origin_m
@@ -48,7 +52,7 @@ def test_occupation_ends_at_one_and_follows_the_robots_slope():
     assert gentle.occupation[0, 0] == pytest.approx(0.5, abs=1e-6)
 
 
-@pytest.mark.parametrize(("distance_m", "factor"), [(0.0, 1.0), (30.0, 0.9), (60.0, 0.8), (68.0, 0.7), (80.0, 0.55)])
+@pytest.mark.parametrize(("distance_m", "factor"), [(NEAR_M, 1.0), (30.0, 0.9), (60.0, 0.8), (68.0, 0.7), (80.0, 0.55)])
 def test_confidence_falls_with_distance_as_equation_10_is_read(distance_m, factor):
     cell_map = reconstruct(in_cell(1, 1, 0.0), np.full(4, distance_m), GRID, 80.0)
     assert cell_map.confidence[1, 1] == pytest.approx(255 * 4 / 16 * factor, rel=1e-6)
@@ -57,7 +61,9 @@ def test_confidence_falls_with_distance_as_equation_10_is_read(distance_m, facto
 def test_confidence_counts_each_hit_sub_cell_once_and_reaches_255():
     same = np.array([[0.01, 0.01], [0.02, 0.11], [0.12, 0.0]])
     sixteen = np.array([[0.0625 + 0.125 * i, 0.0625 + 0.125 * j] for i in range(4) for j in range(4)])
-    cell_map = reconstruct(np.vstack([in_cell(0, 0, 0.0, same), in_cell(1, 0, 0.0, sixteen)]), np.zeros(19), GRID, 80.0)
+    cell_map = reconstruct(
+        np.vstack([in_cell(0, 0, 0.0, same), in_cell(1, 0, 0.0, sixteen)]), np.full(19, NEAR_M), GRID, 80.0
+    )
     assert cell_map.confidence[0, 0] == pytest.approx(255 / 16)
     assert cell_map.confidence[1, 0] == 255.0
 
@@ -73,7 +79,7 @@ def test_a_point_on_a_shared_edge_belongs_above_and_right_and_the_outer_edge_is_
 
 def test_a_sub_cells_edge_belongs_above_and_right():
     on_edges = np.array([[0.0, 0.0], [0.125, 0.0], [0.125, 0.125], [0.25, 0.375]])
-    assert reconstruct(in_cell(0, 0, 0.0, on_edges), np.zeros(4), GRID, 80.0).confidence[0, 0] == 255 * 4 / 16
+    assert reconstruct(in_cell(0, 0, 0.0, on_edges), np.full(4, NEAR_M), GRID, 80.0).confidence[0, 0] == 255 * 4 / 16
 
 
 def test_what_is_not_finite_or_beyond_range_is_dropped_and_counted():
@@ -129,8 +135,13 @@ def test_no_points_make_an_empty_map_and_a_workspace_forgets_the_last_scan():
         assert cells.tolist() == [2 * GRID.cols + 3] and values[0, 0] == z_m
 
 
+def test_no_positive_range_is_no_measurement():
+    points = in_cell(1, 1, 0.0)
+    assert not reconstruct(points, np.array([0.0, -1.0, -1000.0, -1e9]), GRID, 80.0).known.any()
+
+
 coordinate = st.floats(-0.4, 4.4).map(lambda v: round(v * 64) / 64) | st.floats(-0.4, 4.4)
-point = st.tuples(coordinate, coordinate, st.floats(-3, 30), st.floats(0, 85))
+point = st.tuples(coordinate, coordinate, st.floats(-3, 30), st.floats(1e-6, 85))
 
 
 @settings(max_examples=150, deadline=None)
