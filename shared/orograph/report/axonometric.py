@@ -35,6 +35,12 @@ class Relief:
     exaggeration: float = 1.0
     colours: Any = HEIGHT
 
+    @property
+    def span_m(self) -> tuple[float, float]:
+        """Lowest and highest known height, both 0 where none is known."""
+        known = self.height_m[np.isfinite(self.height_m)]
+        return (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+
 
 def project(x_m: F64, y_m: F64, z_m: F64) -> F64:
     """Picture plane (n, 2) of points: right and up, in metres."""
@@ -46,7 +52,7 @@ def project(x_m: F64, y_m: F64, z_m: F64) -> F64:
 def picture_height(relief: Relief, width: float) -> float:
     """Height of a picture of this width that the relief with its marks just fills."""
     x0, y0, x1, y1 = relief.grid.extent_m
-    z = (float(np.nanmax(relief.height_m)) - float(np.nanmin(relief.height_m))) * relief.exaggeration
+    z = (relief.span_m[1] - relief.span_m[0]) * relief.exaggeration
     corners = project(np.array([x0, x1, x1, x0]), np.array([y0, y0, y1, y1]), np.zeros(4))
     wide, high = np.ptp(corners, axis=0)
     return float(width * 0.86 * (high + 0.6 * z * np.cos(TILT_RAD) + 0.1 * wide) / (1.12 * wide))
@@ -81,7 +87,7 @@ def draw_relief(
 ) -> None:  # fmt: skip
     """Paint a relief, coloured over `limits_m`, with points (n, 3) hung among the columns; axes in metres."""
     relief = thinned(relief)
-    base = float(np.nanmin(relief.height_m)) if np.isfinite(relief.height_m).any() else 0.0
+    base = relief.span_m[0]
     faces, colours, order = _columns(relief, base, limits_m)
     if points_m is not None and len(points_m):
         dots, where = _dots(points_m, relief, base, point_m)

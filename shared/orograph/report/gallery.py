@@ -123,7 +123,9 @@ def _glrm_surfaces(verdict: Verdict) -> tuple[Picture, Picture]:
     told = f"Heights [m] drawn {times:g} times too tall." if times != 1 else "Heights [m], true proportions."
     one = Relief(grid, first.astype(np.float64), times)
     two = Relief(grid, last.astype(np.float64), times)
-    flat = "Before the first scan: the ground is known, and every building is drawn at one height."
+    flat = "Before the first scan: nothing is known."
+    if verdict.prior.known.any():
+        flat = "Before the first scan: the ground is known, and every building is drawn at one height."
     found = "At the end: streets that were driven have measured heights, façades stand as high as the lasers saw them."
     alike = "Oblique view of the initial global height map; all buildings equally high."
     unlike = "Oblique view of the final global height map; buildings of different heights."

@@ -21,6 +21,13 @@ def test_the_view_by_hand() -> None:
     assert depth(one, zero)[0] > 0
 
 
+def test_a_map_of_nothing_has_a_picture_too() -> None:
+    nothing = Relief(Grid((0.0, 0.0), 1.0, (3, 4)), np.full((3, 4), np.nan))
+    assert nothing.span_m == (0.0, 0.0)
+    picture = surfaces.surface(nothing, (0.0, 1.0), "nothing", "nothing")
+    assert picture.height > 50 and "x east [m]" in unquote(picture.source)
+
+
 def test_thinning_keeps_towers() -> None:
     side = int(np.sqrt(MAX_CELLS)) * 2
     height = np.zeros((side, side))
