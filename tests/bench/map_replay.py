@@ -11,11 +11,11 @@ import numpy.typing as npt
 from orograph.arrays import F64, Mask
 from orograph.geometry import ray_directions, rotation
 from orograph.grid import Grid
+from orograph.judge.improvement import prior_over
 from orograph.judge.map_truth import window
 from orograph.layers import UNKNOWN_OCCUPATION, CellMap
 from orograph.mapping import RobotMapper
-from orograph.mapping.cells import cut, values_of
-from orograph.mapping.rescaling import expand
+from orograph.mapping.cells import values_of
 from orograph.messages import ROBOT_REGISTER, UPDATE
 from orograph.navigation.planner import BLOCKED
 from orograph.points import points_from_ranges
@@ -116,11 +116,7 @@ class Replay:
         """Each robot's HRM over the prior, the prior alone over the same cells, and the robot's hits (rows, cols)."""
         for robot, mapper in self._mappers.items():
             hrm = mapper.hrm(self.prior)
-            coarse = hrm.grid.coarsened(self._factor)
-            row = round((coarse.origin_m[1] - self._grid.origin_m[1]) / coarse.cell_m)
-            col = round((coarse.origin_m[0] - self._grid.origin_m[0]) / coarse.cell_m)
-            under = expand(cut(self.prior, row, col, coarse.shape), self._factor)
-            yield hrm, under, window(self._hit[robot], self._fine, hrm.grid, False)
+            yield hrm, prior_over(self.prior, hrm.grid), window(self._hit[robot], self._fine, hrm.grid, False)
 
 
 def believed(scan: np.void, laser: LaserSpec) -> tuple[F64, F64]:

@@ -30,8 +30,7 @@ from bench.map_replay import Replay, believed
 from orograph.geometry import ray_directions, rotation_from_quaternion
 from orograph.judge.map_obstacles import SIGHTING, Body, ghosts, obstacle_figures, sightings
 from orograph.judge.map_score import Judged, calibration, confident, judged, map_figures, wrong_though_sure
-from orograph.judge.map_truth import MapTruth, true_map, window
-from orograph.judge.summary import GLRM_SAMPLES, HRM_SAMPLES
+from orograph.judge.map_truth import NEAR_GLRM, NEAR_HRM, PLACES_GLRM, PLACES_HRM, MapTruth, true_map, window
 from orograph.launch.lifecycle import commit, resolve
 from orograph.points import points_from_ranges
 from orograph.scenario import Scenario
@@ -46,8 +45,6 @@ RULES, SCENARIOS, PRIORS = "paper,default,surface", "tiny,helsinki,paper", "exac
 HONEST = {"ground_error_m": 0.4, "shift_m": 1.0, "missing": 0.1, "extra": 0.1}
 OFF_THE_LINES_M = (-1.7, -2.3)
 """How far the honest scenario's grid lies off the scenario's own, for walls on cell borders are a stroke of luck."""
-NEAR_GLRM, NEAR_HRM = 1, 2
-"""Open cells within 5 m and within 1 m of a wall's cell are near it."""
 
 
 @dataclass
@@ -76,9 +73,9 @@ class Judge:
     def __init__(self, scenario: Scenario) -> None:
         self.scene: Scene = build_scene(scenario)
         self._scenario = scenario
-        self.glrm: MapTruth = true_map(self.scene, scenario.grid.grid, GLRM_SAMPLES, NEAR_GLRM)
+        self.glrm: MapTruth = true_map(self.scene, scenario.grid.grid, PLACES_GLRM, NEAR_GLRM)
         fine = scenario.grid.grid.refined(scenario.hrm.per_glrm_cell)
-        self.hrm: MapTruth = true_map(self.scene, fine, HRM_SAMPLES, NEAR_HRM)
+        self.hrm: MapTruth = true_map(self.scene, fine, PLACES_HRM, NEAR_HRM)
 
     def scans(self, mission: Mission, replay: Replay, pool: Pool, tick: Callable[[], None]) -> None:
         """Map every scan, and look at what planning sees after each."""

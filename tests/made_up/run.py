@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from orograph import keys
 from orograph.grid import Grid
+from orograph.judge.map_score import JUDGED, map_figures
 from orograph.judge.score import height_error
 from orograph.layers import MAPPED_LAYERS, CellMap
 from orograph.mapping.cells import values_of
@@ -25,7 +26,19 @@ from orograph.stages import STAGES
 from orograph.storage import run_folder
 from orograph.storage.parts import RunParts
 from orograph.storage.recording import Recording
-from orograph.storage.results import Machine, MapScore, MapScores, RunInfo, Scores, Summary, WorldResult
+from orograph.storage.results import (
+    Improvement,
+    Improvements,
+    Machine,
+    MapFigures,
+    MapScore,
+    MapScores,
+    PriorAndFinal,
+    RunInfo,
+    Scores,
+    Summary,
+    WorldResult,
+)  # fmt: skip
 
 LENGTH_S = 60
 
@@ -216,12 +229,15 @@ def made_up_summary(robots: int) -> Summary:
         by_confidence=(),
     )  # fmt: skip
     both = Scores(surface=score, ideal=score)
+    figures = MapFigures.model_validate(map_figures(np.zeros(0, JUDGED)))
+    pair = PriorAndFinal(prior=figures, final=figures)
+    better = Improvement(confident=pair, touched=pair)
     return Summary(
         scenario="city", seed=1, robots=robots, robots_gone=(), mode="lockstep", runner="in-process", commit="0123",
         complete=True, deterministic=True, sim_time_s=460.0, wall_time_s=46.0, rtf=10.0, glrm_hash="ab",
         copies_hash_equal=True, glrm_is_own_fold=True, coverage=0.97, observable_cells=9, mapping_time_s={95: 300.0},
         stages_ms={}, bytes_up_per_robot_s=1500.0, bytes_down_per_robot_s=3000.0, cells_acked=9, cells_lost=0,
-        missing_parts=(), score=MapScores(glrm=both, hrm=both),
+        missing_parts=(), score=MapScores(glrm=both, hrm=both), improvement=Improvements(glrm=better, hrm=better),
     )  # fmt: skip
 
 

@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from made_up.run import city, made_up
 from orograph.geometry import quaternion, rotation
+from orograph.judge import reference
+from orograph.judge.reference import Reference
 from orograph.messages import POSE, Packed
 from orograph.scenario import GridSpec, Scenario, Start
 from orograph.storage.parts import RunParts
@@ -79,6 +81,12 @@ def city_scenario() -> Scenario:
 def city_run() -> RunParts:
     """A made-up run of two robots; do not write to it."""
     return made_up(city())
+
+
+@pytest.fixture(scope="session")
+def built(city_scenario: Scenario) -> Reference:
+    """The reference of the city; do not write to it."""
+    return reference.build(city_scenario)
 
 
 @pytest.fixture

@@ -14,7 +14,6 @@ from orograph.messages import ROBOT_REGISTER, UPDATE, Packed
 from orograph.protocol.fold import fold_registers, whole_prior
 from orograph.protocol.tiles import map_hash
 from orograph.rules import Rules
-from orograph.scene.prior import prior_records
 from orograph.storage.parts import RunParts
 
 
@@ -83,22 +82,23 @@ def lost_cells(ledger: Ledger, robot: str) -> int:
     return len(invariants.registers_kept(ledger.acked[robot], ledger.held, by=("tick",)))
 
 
-def own_fold(parts: RunParts, ledger: Ledger) -> Packed:
-    """The map that the robots' own last evidence gives, without the manager's help.
+def own_fold(parts: RunParts, ledger: Ledger, prior: Packed) -> Packed:
+    """The map that the robots' own last evidence gives over the prior UPDATEs (n,), without the manager's help.
 
     Of a robot that has gone the manager may have taken more than it still heard of: its registers are the manager's.
     """
-    prior = whole_prior(prior_records(parts.scenario), parts.glrm_grid.size)
     staying = [own for robot, own in ledger.own.items() if robot not in parts.gone]
     left = np.isin(ledger.held["robot"], [keys.robot_number(robot) for robot in parts.gone])
-    return fold_registers(prior, np.concatenate([ledger.held[left], *staying]), Rules.of(parts.scenario.rules))
+    everyone = np.concatenate([ledger.held[left], *staying])
+    return fold_registers(whole_prior(prior, parts.glrm_grid.size), everyone, Rules.of(parts.scenario.rules))
 
 
-def checks(parts: RunParts, ledger: Ledger) -> Checks:
-    """Every promise of a run."""
+def checks(parts: RunParts, ledger: Ledger, prior: Packed) -> Checks:
+    """Every promise of a run that began with the prior UPDATEs (n,)."""
     return Checks(
-        _ended(parts), _deterministic(parts), _copies(parts, ledger), _fold(parts, ledger), _nothing_lost(parts, ledger)
-    )
+        _ended(parts), _deterministic(parts), _copies(parts, ledger), _fold(parts, ledger, prior),
+        _nothing_lost(parts, ledger),
+    )  # fmt: skip
 
 
 def _ended(parts: RunParts) -> Check:
@@ -129,11 +129,11 @@ def _copies(parts: RunParts, ledger: Ledger) -> Check:
     return Check("Every robot holds the manager's map, bit for bit", ok, found)
 
 
-def _fold(parts: RunParts, ledger: Ledger) -> Check:
+def _fold(parts: RunParts, ledger: Ledger, prior: Packed) -> Check:
     promise = "The map is the fold of the robots' own last evidence"
     if ledger.glrm is None or not set(parts.staying) <= set(ledger.own):
         return Check(promise, None, "Registers of the manager or of a robot are missing.")
-    differ = len(invariants.map_is_fold(ledger.glrm, own_fold(parts, ledger)))
+    differ = len(invariants.map_is_fold(ledger.glrm, own_fold(parts, ledger, prior)))
     registers = sum(len(ledger.own[robot]) for robot in parts.staying)
     found = f"{registers:,} registers folded again: " + (
         f"{differ:,} cells differ." if differ else "equal in every cell."

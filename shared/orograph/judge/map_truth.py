@@ -19,6 +19,10 @@ from orograph.sensing.truth import top_surface
 T = TypeVar("T", bound=np.generic)
 STANDS_M = 0.5
 """A place is built up where the true surface is this much above the ground."""
+PLACES_GLRM, PLACES_HRM = 8, 3
+"""Vertical rays per cell side: one every 0.6 m and every 0.17 m by default."""
+NEAR_GLRM, NEAR_HRM = 1, 2
+"""Open cells within 5 m and within 1 m of a wall's cell are near it."""
 PLACES_AT_A_TIME = 2_000_000
 """So many rays are cast at a time, which bounds the memory."""
 
@@ -32,6 +36,8 @@ class MapTruth:
     """Mean ground where the cell is not built up; at its centre where all of it is."""
     top_m: F64
     """Highest surface in the cell; NaN where nothing stands."""
+    surface_m: F64
+    """Mean of the upper surface, as high as anything that stands there."""
     roof: Mask
     """Cells that count as built up, by the share that the prior goes by."""
     steep: Mask
@@ -55,8 +61,9 @@ class MapTruth:
         def cut(layer: Mask) -> Mask:
             return window(layer, self.grid, grid, False)
 
-        ground_m, top_m = (window(layer, self.grid, grid, np.nan) for layer in (self.ground_m, self.top_m))
-        return MapTruth(grid, ground_m, top_m, cut(self.roof), cut(self.steep), cut(self.near))
+        heights_m = (self.ground_m, self.top_m, self.surface_m)
+        ground_m, top_m, surface_m = (window(layer, self.grid, grid, np.nan) for layer in heights_m)
+        return MapTruth(grid, ground_m, top_m, surface_m, cut(self.roof), cut(self.steep), cut(self.near))
 
 
 def window(layer: npt.NDArray[T], grid: Grid, wanted: Grid, outside: float | bool) -> npt.NDArray[T]:
@@ -76,14 +83,14 @@ def true_map(scene: Scene, grid: Grid, places: int, near_cells: int) -> MapTruth
     rows = max(1, PLACES_AT_A_TIME // (grid.cols * places**2))
     strips = [_strip(scene, grid.window(r, 0, (min(rows, grid.rows - r), grid.cols)), places)
               for r in range(0, grid.rows, rows)]  # fmt: skip
-    ground_m, top_m, cover = (np.concatenate(layers) for layers in zip(*strips, strict=True))
+    ground_m, top_m, surface_m, cover = (np.concatenate(layers) for layers in zip(*strips, strict=True))
     slope = np.hypot(*ground_gradient(scene.scenario.terrain, *np.meshgrid(*grid.centres_m())))
     steep, roof = slope > scene.scenario.robot.slope_max, cover >= COVERED
     near: Mask = binary_dilation(cover > 0, np.ones((3, 3), np.bool_), iterations=near_cells)
-    return MapTruth(grid, ground_m, top_m, roof, steep, near & ~roof)
+    return MapTruth(grid, ground_m, top_m, surface_m, roof, steep, near & ~roof)
 
 
-def _strip(scene: Scene, grid: Grid, places: int) -> tuple[F64, F64, F64]:
+def _strip(scene: Scene, grid: Grid, places: int) -> tuple[F64, F64, F64, F64]:
     fine = grid.refined(places)
     surface_m, _ = top_surface(scene, fine, 1)
     ground_m = scene.height_m(*np.meshgrid(*fine.centres_m()))
@@ -97,4 +104,4 @@ def _strip(scene: Scene, grid: Grid, places: int) -> tuple[F64, F64, F64]:
     with np.errstate(invalid="ignore"):
         mean_m = np.where(free > 0, share(np.where(stands, 0.0, ground_m)) / free, centre_m)
     top_m = np.where(stands, surface_m, -np.inf).reshape(blocks).max(axis=(1, 3))
-    return mean_m, np.where(np.isfinite(top_m), top_m, np.nan), 1.0 - free
+    return mean_m, np.where(np.isfinite(top_m), top_m, np.nan), share(surface_m), 1.0 - free

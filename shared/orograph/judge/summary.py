@@ -10,7 +10,10 @@ import numpy as np
 
 from orograph import keys
 from orograph.arrays import I64, Mask
+from orograph.grid import Grid
 from orograph.judge.checks import Checks, Ledger, checks, lost_cells, read_ledger
+from orograph.judge.improvement import BeforeAfter, improvement, prior_over
+from orograph.judge.map_truth import NEAR_GLRM, NEAR_HRM, PLACES_GLRM, PLACES_HRM, MapTruth, true_map
 from orograph.judge.reference import Reference
 from orograph.judge.score import Truth, coverage, mapping_times_s, score_maps, truth_of_map
 from orograph.judge.timing import table_2
@@ -20,15 +23,12 @@ from orograph.protocol.tiles import map_hash
 from orograph.registers import unpack
 from orograph.scene import Scene, build_scene
 from orograph.scene.prior import given_layers, prior_records
-from orograph.sensing.truth import top_surface
 from orograph.storage.parts import RunParts
-from orograph.storage.results import MapScores, Scores, Summary
+from orograph.storage.results import Improvements, MapScores, Scores, Summary
 
 BUILDING_FROM_M = 1.0
 """A cell counts as building where the true surface stands more than this above the ground."""
 NUMBERS = dict(enumerate(["Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten"], 2))
-GLRM_SAMPLES, HRM_SAMPLES = 8, 3
-"""Vertical rays per cell side: one every 0.6 m and every 0.17 m by default."""
 
 
 @dataclass(frozen=True)
@@ -82,50 +82,54 @@ def judge(parts: RunParts, reference: Reference) -> Verdict:
     """Score a run and check its promises."""
     ledger, scene = read_ledger(parts), build_scene(parts.scenario)
     given = given_layers(parts.scenario)
-    prior = unpack(prior_records(parts.scenario), parts.glrm_grid, *given)
+    records = prior_records(parts.scenario)
+    prior = unpack(records, parts.glrm_grid, *given)
     glrm = prior if ledger.glrm is None else unpack(ledger.glrm, parts.glrm_grid, *given)
-    surface, building = true_surface(scene, glrm, GLRM_SAMPLES)
-    ways, promises = tracks(parts), checks(parts, ledger)
+    truth = true_map(scene, glrm.grid, PLACES_GLRM, NEAR_GLRM)
+    whole = BeforeAfter(prior, glrm, truth, _held(ledger, glrm.grid))
+    local = [
+        BeforeAfter.of(prior_over(prior, hrm.grid), hrm, true_map(scene, hrm.grid, PLACES_HRM, NEAR_HRM))
+        for _, hrm in parts.hrms()
+    ]
+    ways, promises = tracks(parts), checks(parts, ledger, records)
     radio = [_radio(parts, ledger, ways, robot) for robot in parts.robots]
-    score = MapScores(
-        glrm=_both([(glrm, surface, building)], [(glrm, truth_of_map(reference.glrm), building)]),
-        hrm=_score_hrms(parts, scene, reference),
-    )
-    summary = _summary(parts, ledger, promises, glrm, reference, radio, score)
+    summary = _summary(
+        parts, ledger, promises, glrm, reference, radio,
+        MapScores(
+            glrm=_scores([whole], [truth_of_map(reference.glrm)]),
+            hrm=_scores(local, [truth_of_map(reference.hrm_over(m.final.grid)) for m in local]),
+        ),
+        Improvements(glrm=improvement([whole]), hrm=improvement(local)),
+    )  # fmt: skip
     return Verdict(
-        glrm=glrm, prior=prior, scene=scene, reference=reference, surface=surface, checks=promises, tracks=ways,
-        radio=radio, summary=summary, sentence=sentence(parts, summary),
+        glrm=glrm, prior=prior, scene=scene, reference=reference, surface=_surface(truth), checks=promises,
+        tracks=ways, radio=radio, summary=summary, sentence=sentence(parts, summary),
     )  # fmt: skip
 
 
-def true_surface(scene: Scene, cells: CellMap, samples: int) -> tuple[Truth, Mask]:
-    """The true top surface over a map's grid, and which cells hold a building."""
-    height, occupied = top_surface(scene, cells.grid, samples)
-    ground = scene.height_m(*np.meshgrid(*cells.grid.centres_m()))
-    building = np.nan_to_num(height - ground) > BUILDING_FROM_M
-    return Truth(height, occupied, np.isfinite(height)), building
+def _held(ledger: Ledger, grid: Grid) -> Mask:
+    """GLRM cells (rows, cols) of which the manager holds any evidence."""
+    held = np.zeros(grid.size, np.bool_)
+    held[ledger.held["cell"][ledger.held["confidence"] > 0]] = True
+    return held.reshape(grid.shape)
 
 
-Pairs = list[tuple[CellMap, Truth, Mask]]
+def _surface(truth: MapTruth) -> Truth:
+    return Truth(truth.surface_m, truth.barred, np.isfinite(truth.surface_m))
 
 
-def _both(surface: Pairs, ideal: Pairs) -> Scores:
-    return Scores(surface=score_maps(surface), ideal=score_maps(ideal))
-
-
-def _score_hrms(parts: RunParts, scene: Scene, reference: Reference) -> Scores:
-    surface: Pairs = []
-    ideal: Pairs = []
-    for _, hrm in parts.hrms():
-        truth, building = true_surface(scene, hrm, HRM_SAMPLES)
-        surface.append((hrm, truth, building))
-        ideal.append((hrm, truth_of_map(reference.hrm_over(hrm.grid)), building))
-    return _both(surface, ideal)
+def _scores(maps: list[BeforeAfter], ideal: list[Truth]) -> Scores:
+    finals, surfaces = [m.final for m in maps], [_surface(m.truth) for m in maps]
+    buildings = [np.nan_to_num(m.truth.surface_m - m.truth.ground_m) > BUILDING_FROM_M for m in maps]
+    against_surface, against_ideal = (
+        score_maps(list(zip(finals, truths, buildings, strict=True))) for truths in (surfaces, ideal)
+    )
+    return Scores(surface=against_surface, ideal=against_ideal)
 
 
 def _summary(
     parts: RunParts, ledger: Ledger, promises: Checks, glrm: CellMap, reference: Reference, radio: list[RadioRow],
-    score: MapScores,
+    score: MapScores, improvements: Improvements,
 ) -> Summary:  # fmt: skip
     run = parts.run
     told = [row for row in radio if row.robot in parts.staying or row.acked is not None]
@@ -155,6 +159,7 @@ def _summary(
         cells_lost=_sum([row.lost for row in told]),
         missing_parts=parts.missing(),
         score=score,
+        improvement=improvements,
     )
 
 

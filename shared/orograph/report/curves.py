@@ -139,7 +139,7 @@ def pose_errors(errors_m: Series, end_s: float) -> Picture:
 def timeline(events: Sequence[Mapping[str, Any]], lanes: Sequence[str], end_s: float) -> Picture:
     """Noted events over time, a lane per robot or service."""
     kinds = list(dict.fromkeys(str(e.get("event", "?")) for e in events))
-    marks = "osD^vP*Xhd<>p"
+    marks = "osD^vP*X<>d"
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()

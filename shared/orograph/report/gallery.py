@@ -12,6 +12,7 @@ from orograph import keys
 from orograph.arrays import F64
 from orograph.geometry import ray_directions, rotation_from_quaternion
 from orograph.grid import Grid
+from orograph.judge.improvement import prior_over
 from orograph.judge.summary import Verdict, glrm_errors
 from orograph.layers import CONFIDENT, CellMap
 from orograph.points import points_from_ranges
@@ -38,6 +39,7 @@ class Gallery:
     timeline: Picture | None
     initial_glrm: Picture
     final_glrm: Picture
+    changes: Picture
     layers: Picture
     scene: Picture | None
     initial_hrm: Picture | None
@@ -50,7 +52,7 @@ class Gallery:
 def gallery(parts: RunParts, verdict: Verdict) -> Gallery:
     """Draw everything."""
     extent = maps.shown_extent(verdict.glrm.grid, verdict.glrm.confidence >= CONFIDENT)
-    initial_glrm, final_glrm = _glrm_surfaces(verdict)
+    initial_glrm, final_glrm = _glrm_surfaces(verdict, extent)
     initial_hrm, final_hrm = _hrm_surfaces(parts)
     scores = {"Global map": verdict.summary.score.glrm, "Local maps": verdict.summary.score.hrm}
     return Gallery(
@@ -59,6 +61,7 @@ def gallery(parts: RunParts, verdict: Verdict) -> Gallery:
         timeline=_timeline(parts),
         initial_glrm=initial_glrm,
         final_glrm=final_glrm,
+        changes=_changes(parts, verdict, extent),
         layers=maps.occupation_and_confidence(verdict.glrm, extent),
         scene=_scene(parts, verdict),
         initial_hrm=initial_hrm,
@@ -116,8 +119,10 @@ def _timeline(parts: RunParts) -> Picture | None:
     return curves.timeline(events, lanes, max(parts.run.sim_time_s, 1.0))
 
 
-def _glrm_surfaces(verdict: Verdict) -> tuple[Picture, Picture]:
-    grid, first, last = verdict.glrm.grid, verdict.prior.height, verdict.glrm.height
+def _glrm_surfaces(verdict: Verdict, extent: tuple[float, ...]) -> tuple[Picture, Picture]:
+    """Where the robots were: over a whole district what they changed would be too small to see."""
+    grid, shown = maps.window_of(verdict.glrm.grid, extent)
+    first, last = verdict.prior.height[shown], verdict.glrm.height[shown]
     limits = surfaces.height_limits(first, last)
     times = _exaggeration(grid)
     told = f"Heights [m] drawn {times:g} times too tall." if times != 1 else "Heights [m], true proportions."
@@ -133,6 +138,13 @@ def _glrm_surfaces(verdict: Verdict) -> tuple[Picture, Picture]:
         surfaces.surface(one, limits, f"{flat} {told}", alike),
         surfaces.surface(two, limits, f"{found} {told}", unlike),
     )
+
+
+def _changes(parts: RunParts, verdict: Verdict, extent: tuple[float, ...]) -> Picture:
+    robot = parts.robots[0]
+    local = parts.hrm(robot)
+    own = None if local is None else (local.grid, local.height - prior_over(verdict.prior, local.grid).height)
+    return maps.changes(verdict.glrm.grid, verdict.glrm.height - verdict.prior.height, extent, robot, own)
 
 
 def _exaggeration(grid: Grid) -> float:

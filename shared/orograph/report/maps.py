@@ -19,6 +19,8 @@ from orograph.report import palette
 from orograph.report.palette import Picture
 
 Path = F64
+UNCHANGED_M = 0.002
+"""What the wire's millimetres round away is no change."""
 
 
 def shown_extent(grid: Grid, interesting: Mask, margin_m: float = 25.0) -> tuple[float, ...]:
@@ -30,6 +32,14 @@ def shown_extent(grid: Grid, interesting: Mask, margin_m: float = 25.0) -> tuple
     left, right = x0 + cols.min() * grid.cell_m, x0 + (cols.max() + 1) * grid.cell_m
     low, high = y0 + rows.min() * grid.cell_m, y0 + (rows.max() + 1) * grid.cell_m
     return max(x0, left - margin_m), min(x1, right + margin_m), max(y0, low - margin_m), min(y1, high + margin_m)
+
+
+def window_of(grid: Grid, extent: tuple[float, ...]) -> tuple[Grid, tuple[slice, slice]]:
+    """A grid's cells within an extent on it (x_min, x_max, y_min, y_max): as a grid, and as slices of its layers."""
+    cell = grid.cell_m
+    left, right = (round((x - grid.origin_m[0]) / cell) for x in extent[:2])
+    low, high = (round((y - grid.origin_m[1]) / cell) for y in extent[2:])
+    return grid.window(low, left, (high - low, right - left)), (slice(low, high), slice(left, right))
 
 
 def draw_layer(axes: Axes, grid: Grid, layer: npt.NDArray[Any], norm: Normalize, colours: Any) -> ScalarMappable:
@@ -105,6 +115,33 @@ def height_error(grid: Grid, against_surface_m: Layer, against_rule_m: Layer, ex
         "and route.",
         "Two error maps: large negative errors on buildings against the true surface, small errors against the ideal "
         "scans.",
+        draw,
+    )
+
+
+def changes(
+    grid: Grid, change_m: Layer, extent: tuple[float, ...], robot: str, local: tuple[Grid, Layer] | None
+) -> Picture:
+    """Final minus initial height of the global map and of one robot's local map, grey where nothing changed."""
+    panels = [("Global map", grid, change_m, extent)]
+    if local is not None:
+        x0, y0, x1, y1 = local[0].extent_m
+        panels.append((f"{robot}'s local map", *local, (x0, x1, y0, y1)))
+    layers = [np.where(np.abs(change) > UNCHANGED_M, change, np.nan) for _, _, change, _ in panels]
+    limit = _round_limit(*layers)
+
+    def draw(figure: Figure) -> None:
+        for axes, (title, cells, _, shown), layer in zip(figure.subplots(1, 2), panels, layers, strict=False):
+            mapped = draw_layer(axes, cells, layer, Normalize(-limit, limit), palette.ERROR)
+            _bar(figure, axes, mapped, "final minus initial height [m]")
+            axes.set_title(title)
+            _zoom(axes, shown)
+
+    return palette.picture(
+        (11.0, 4.9),
+        "What the mission changed: final minus initial height [m]; red was raised, blue lowered, grey unchanged. "
+        f"Left all robots together, right {robot} alone around where it stopped, against the prior cut into its cells.",
+        "Two maps of height changes along the driven streets: small on open ground, large on façades.",
         draw,
     )
 

@@ -14,6 +14,23 @@ from orograph.report.gallery import gallery
 from orograph.report.study import StudyRow, mapping_times
 from orograph.storage.parts import RunParts
 
+COMPARED = (
+    ("Ground away from walls: RMSE [m]", "ground_away_rmse_m", "ground_away_cells", 3, -1),
+    ("Ground beside walls: RMSE [m]", "ground_near_rmse_m", "ground_near_cells", 3, -1),
+    ("Tops of what stands: mean error [m]", "object_mae_m", "object_cells", 2, -1),
+    ("Occupation: precision", "precision", "", 2, 1),
+    ("Occupation: recall", "recall", "", 2, 1),
+    ("Occupation: overlap (IoU)", "iou", "", 2, 1),
+    ("Built-up cells called drivable", "houses_drivable", "object_cells", 2, -1),
+)
+"""Rows of the table of prior and final map: title, figure, its cells, digits, and whether more is better (1) or not."""
+
+
+def change(prior: float, final: float, digits: int, better: int) -> str:
+    """The class of a final figure beside the prior's: better, worse, or none where both look the same."""
+    step = better * (round(final, digits) - round(prior, digits))
+    return "better" if step > 0 else "worse" if step < 0 else ""
+
 
 def render_study(title: str, rows: list[StudyRow]) -> str:
     """study.html: the paper's Table 3 beside ours, as one self-contained page."""
@@ -25,6 +42,7 @@ def render(parts: RunParts, verdict: Verdict) -> str:
     return _template("report.html.j2").render(
         parts=parts,
         run=parts.run,
+        machine=parts.run.machine,
         scenario=parts.scenario,
         verdict=verdict,
         summary=verdict.summary,
@@ -35,6 +53,8 @@ def render(parts: RunParts, verdict: Verdict) -> str:
         bins=CONFIDENCE_BINS,
         shares=SHARES,
         occupied=OCCUPIED,
+        compared=COMPARED,
+        change=change,
     )
 
 

@@ -148,6 +148,52 @@ class MapScores(_Frozen):
     hrm: Scores
 
 
+class MapFigures(_Frozen):
+    """A map on some cells against the truth, cell by cell; shares are of 1."""
+
+    ground_near_rmse_m: Figure
+    """Open ground beside what stands."""
+    ground_near_cells: int
+    ground_away_rmse_m: Figure
+    ground_away_cells: int
+    object_mae_m: Figure
+    """Tops of what stands, against the highest point in the cell."""
+    object_rmse_m: Figure
+    object_bias_m: Figure
+    object_cells: int
+    unknown: Figure
+    """Cells of which the map knows no height."""
+    precision: Figure
+    """Of occupation: how much of what the map bars cannot be driven,"""
+    recall: Figure
+    """how much of what cannot be driven the map bars,"""
+    iou: Figure
+    """and both over either."""
+    houses_drivable: Figure
+    """Built-up cells that the map calls drivable."""
+
+
+class PriorAndFinal(_Frozen):
+    """The map before the first scan and at the end, on the same cells."""
+
+    prior: MapFigures
+    final: MapFigures
+
+
+class Improvement(_Frozen):
+    """What mapping made of the prior where the final map is confident, and wherever a scan left evidence."""
+
+    confident: PriorAndFinal
+    touched: PriorAndFinal
+
+
+class Improvements(_Frozen):
+    """The global map and the robots' local maps."""
+
+    glrm: Improvement
+    hrm: Improvement
+
+
 class Spread(_Frozen):
     """Median and 95 % quantile of durations [ms]."""
 
@@ -188,3 +234,4 @@ class Summary(_Result):
     cells_lost: int | None
     missing_parts: tuple[str, ...]
     score: MapScores
+    improvement: Improvements

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 from orograph import keys
-from orograph.judge.checks import checks, lost_cells, own_fold, read_ledger
+from orograph.judge.checks import Checks, checks, lost_cells, own_fold, read_ledger
+from orograph.scene.prior import prior_records
 from orograph.storage.parts import RunParts
 
 ROBOT = keys.node(keys.MAPPING, "robot_001")
@@ -17,8 +18,12 @@ def with_array(parts: RunParts, node: str, name: str, change: Change) -> RunPart
     return replace(parts, nodes={**parts.nodes, node: arrays})
 
 
+def promises(parts: RunParts) -> Checks:
+    return checks(parts, read_ledger(parts), prior_records(parts.scenario))
+
+
 def judged(parts: RunParts) -> list[bool | None]:
-    return [check.ok for check in checks(parts, read_ledger(parts))]
+    return [check.ok for check in promises(parts)]
 
 
 def raised(field: str) -> Change:
@@ -62,7 +67,7 @@ def test_evidence_that_the_manager_folded_otherwise_is_found(city_run: RunParts)
 
 def test_the_fold_is_made_without_the_managers_registers(city_run: RunParts) -> None:
     bad = with_array(city_run, keys.MANAGER, "registers", lambda held: held[:0])
-    wanted = own_fold(bad, read_ledger(bad))
+    wanted = own_fold(bad, read_ledger(bad), prior_records(bad.scenario))
     assert np.array_equal(wanted["height"], bad.nodes[keys.MANAGER]["glrm"]["height"])
 
 
@@ -91,8 +96,8 @@ def test_what_is_missing_is_neither_kept_nor_broken(without: Callable[..., RunPa
 
 def test_an_unfinished_run_says_so(city_run: RunParts) -> None:
     bad = replace(city_run, run=city_run.run.model_copy(update={"complete": False, "deterministic": False}))
-    found = checks(bad, read_ledger(bad))
+    found = promises(bad)
     assert [c.ok for c in found[:2]] == [False, False]
     assert "Time was up" in found[0].found and "A worker died" in found[1].found
     paced = replace(bad, run=bad.run.model_copy(update={"mode": "paced"}))
-    assert "Paced time" in checks(paced, read_ledger(paced))[1].found
+    assert "Paced time" in promises(paced)[1].found

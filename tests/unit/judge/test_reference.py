@@ -12,11 +12,6 @@ from orograph.scene import build_scene
 from orograph.sensing.truth import top_surface
 
 
-@pytest.fixture(scope="module")
-def built(city_scenario: Scenario) -> Reference:
-    return reference.build(city_scenario)
-
-
 def same(a: Reference, b: Reference) -> bool:
     return a.glrm.equals(b.glrm) and a.hrm.equals(b.hrm) and np.array_equal(a.poses, b.poses)
 

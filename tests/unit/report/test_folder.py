@@ -88,7 +88,7 @@ def test_the_page_is_one_file_that_asks_nobody(finished: Path) -> None:
     page = Page()
     page.feed(text)
     assert not page.open
-    assert len(page.alts) == 12
+    assert len(page.alts) == 13
     assert all(len(alt) > 20 for alt in page.alts)
     for link in page.links:
         assert link.startswith("data:image/svg+xml,") or link[1:] in page.ids, link[:80]

@@ -8,8 +8,8 @@ import pytest
 from orograph.grid import Grid
 from orograph.report import surfaces
 from orograph.report.axonometric import MAX_CELLS, TILT_RAD, TURN_RAD, Relief, depth, project, thinned
-from orograph.report.maps import shown_extent
-from orograph.report.page import fixed
+from orograph.report.maps import shown_extent, window_of
+from orograph.report.page import change, fixed
 
 
 def test_the_view_by_hand() -> None:
@@ -65,6 +65,21 @@ def test_the_shown_part_is_what_is_interesting_with_a_margin() -> None:
     assert shown_extent(grid, seen, 25.0) == (175.0, 230.0, 25.0, 80.0)
     seen[0, 39] = True
     assert shown_extent(grid, seen, 25.0) == (175.0, 300.0, 0.0, 80.0)
+
+
+def test_a_window_holds_the_cells_of_an_extent() -> None:
+    grid = Grid((10.0, 20.0), 5.0, (6, 8))
+    window, (rows, cols) = window_of(grid, (20.0, 35.0, 25.0, 35.0))
+    assert (window.extent_m, window.shape) == ((20.0, 25.0, 35.0, 35.0), (2, 3))
+    assert np.zeros(grid.shape)[rows, cols].shape == window.shape
+    x0, y0, x1, y1 = grid.extent_m
+    assert window_of(grid, (x0, x1, y0, y1))[0] == grid
+
+
+def test_better_and_worse_are_told_where_the_digits_tell_them() -> None:
+    assert [change(0.2, 0.1, 2, -1), change(0.2, 0.3, 2, -1), change(0.2, 0.201, 2, -1)] == ["better", "worse", ""]
+    assert [change(0.2, 0.3, 2, 1), change(0.2, 0.1, 2, 1)] == ["better", "worse"]
+    assert change(float("nan"), 0.1, 2, 1) == change(0.1, float("nan"), 2, 1) == ""
 
 
 def test_numbers_as_people_read_them() -> None:
