@@ -26,7 +26,8 @@ def truth(steep: tuple[int, int] = (5, 5)) -> MapTruth:
     roof[2:4, 2:4] = True
     near[1:5, 1:5] = True
     hard[steep] = True
-    return MapTruth(GRID, ground_m, np.where(roof, ground_m + 8.0, np.nan), roof, hard, near & ~roof)
+    top_m, surface_m = (np.where(roof, ground_m + 8.0, below) for below in (np.nan, ground_m))
+    return MapTruth(GRID, ground_m, top_m, surface_m, roof, hard, near & ~roof)
 
 
 def perfect() -> CellMap:
