@@ -149,7 +149,7 @@ def test_reasons_are_shown_before_they_happen() -> None:
     figures.show({"map-manager": {}}, {"lost": 0.0})
     exported = samples(figures)
     source = inspect.getsource(wire) + inspect.getsource(fields)
-    reasons = set(re.findall(r'(?:Rejected\(|_require\(.*, )"(\w+)"', source))
+    reasons = set(re.findall(r'(?:Rejected\(|_require\(.*?, )"(\w+)"', source))
     assert {"crc", "range", "shape"} <= reasons
     for reason in reasons:
         assert exported["orograph_mailbox_rejected_messages_total", (("reason", reason),)] == 0
