@@ -38,11 +38,7 @@ class MapManagerNode:
 
     def step(self, frame: Frame, inbox: Sequence[Envelope], send: Send, note: Note) -> None:
         """Give the robots' messages to the protocol, what comes out to the radio."""
-        from_robots: list[tuple[str, Message]] = []
-        for envelope in inbox:
-            service, robot = keys.split(envelope.sender)
-            if service == keys.MAPPING:
-                from_robots.append((robot, envelope.message))
+        from_robots = [(keys.split(envelope.sender)[1], envelope.message) for envelope in inbox]
 
         def send_to(robot: str | None, message: Message) -> None:
             to = keys.group(keys.MAPPING) if robot is None else keys.node(keys.MAPPING, robot)

@@ -98,7 +98,7 @@ class RobotMappingNode:
                     self._arrivals.take(message)
                 case Phase() as phase:
                     self._flushing |= phase.name != "mapping"
-                case message if keys.split(envelope.sender)[0] == keys.MANAGER:
+                case message:
                     from_manager.append(message)
         return from_manager
 

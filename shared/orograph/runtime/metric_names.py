@@ -36,21 +36,10 @@ def _gauge(name: str, help_text: str) -> Metric:
 
 
 WIRE_REASONS = (
-    "kind",
-    "size",
-    "keys",
-    "schema",
-    "msgpack",
-    "type",
-    "range",
-    "shape",
-    "crc",
-    "doubled",
-    "dtype",
-    "frame",
-    "key",
-)
-"""Why `comms` and `keys` refuse what came off the wire."""
+    "kind", "size", "keys", "schema", "msgpack", "type", "range", "shape", "crc", "doubled", "frame", "key", "route",
+    "robot",
+)  # fmt: skip
+"""Why `comms`, `keys` and `routes` refuse what came off the wire."""
 INPUT_REASONS = (
     "shape", "cell_range", "duplicate_cell", "no_evidence", "height_range", "future_tick", "tile_range", "unexpected",
     "unknown_robot", "flood", "fenced_epoch",
