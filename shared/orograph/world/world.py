@@ -113,7 +113,7 @@ class World:
 
     def speed_mps(self, robot: str) -> float:
         """Speed along the robot's own x axis, now."""
-        return float(self.rotation(robot)[:, 0] @ self._bodies[robot].velocity_mps())
+        return float((self.rotation(robot)[:, 0] * self._bodies[robot].velocity_mps()).sum())
 
     def wheel_odometry(self, robot: str) -> tuple[float, float]:
         """(speed [m/s], yaw rate [rad/s]) that the wheels turned on average in the last `advance`, slip unseen."""
