@@ -83,11 +83,18 @@ def rejected_changes_nothing(history: History) -> list[str]:
 
 
 def fencings_are_explained(history: History) -> list[str]:
-    return invariants.fencings_explained(len(history.fenced), history.conflicts, history.restarts)
+    """Of two with one id the fenced one comes back where the other's acks are lost for long: a conflict once more."""
+    conflicts = history.conflicts + history.returns
+    return invariants.fencings_explained(len(history.fenced), conflicts, history.restarts)
 
 
 def confidence_survives_restart(history: History) -> list[str]:
-    """What a robot says of a cell in a new epoch is hardly less sure than what it said before."""
+    """What a robot says of a cell in a new epoch is hardly less sure than what it said before.
+
+    Of two with one id the one that comes back puts its own over what the other has said.
+    """
+    if history.returns:
+        return []
     return [
         text
         for before, now in pairwise(map(_confidence, history.commits))

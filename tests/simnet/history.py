@@ -64,6 +64,8 @@ class History:
     """Epochs (robot, epoch) that were declared over while an instance wrote in them."""
     restarts: int = 0
     conflicts: int = 0
+    returns: int = 0
+    """How often one of two with one id, fenced, said hello again after it had heard nothing of the other for 3 s."""
     rejected_changes: int = 0
     """Inputs that had to be rejected but changed the manager's state or were not counted."""
     quiet: bool = False

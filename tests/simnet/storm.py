@@ -22,9 +22,10 @@ from orograph.messages import (
     Envelope,
     Fenced,
     Frame,
+    Hello,
     Message,
     RunEnd,
-)
+)  # fmt: skip
 from orograph.nodes.map_manager import MapManagerNode
 from orograph.nodes.orchestrator import OrchestratorNode
 from orograph.nodes.robot_mapping import RobotMappingNode
@@ -41,6 +42,7 @@ from simnet.street import PRIOR, RULES, SCENARIO, SIZE, SMALL, Driver, mapped_al
 
 END_WITHIN_FRAMES = 400
 OVERHEARD_MAX = 400
+SILENCE_FRAMES = 15
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ class Storm:
         self._rng = np.random.default_rng([plan.seed, 2])
         self._store = WatchedStore(self._committed)
         self._overheard: list[Envelope] = []
-        self._lives = 0
+        self._lives, self._silent_since = 0, dict[str, int]()
         self._manager = Machine(keys.MANAGER, self._new_manager, self._manager_stepped)
         self._orchestrator = Machine(keys.ORCHESTRATOR, self._new_orchestrator, lambda *step: None)
         self._mappings = [self._mapping(robot) for robot in plan.robots]
@@ -88,7 +90,7 @@ class Storm:
     def _mapping(self, robot: str, twin: Fault | None = None) -> Machine:
         machine = Machine(
             keys.node(keys.MAPPING, robot), partial(self._new_mapping, robot),
-            lambda frame, inbox, sent: self._mapping_stepped(machine, inbox, sent), twin.begin if twin else 0,
+            lambda *step: self._mapping_stepped(machine, *step), twin.begin if twin else 0,
         )  # fmt: skip
         return machine
 
@@ -165,19 +167,33 @@ class Storm:
     def _living(self) -> list[tuple[Machine, RobotMappingNode]]:
         return [(m, m.node) for m in self._mappings if isinstance(m.node, RobotMappingNode)]
 
-    def _mapping_stepped(self, machine: Machine, inbox: Sequence[Envelope], sent: Sequence[Sent]) -> None:
+    def _mapping_stepped(self, machine: Machine, frame: Frame, inbox: Sequence[Envelope], sent: Sequence[Sent]) -> None:
         assert isinstance(machine.node, RobotMappingNode)
         self._overhear(machine.name, sent)
         sync, copy = machine.node._sync, machine.node._sync.copy
         load = self.history.loads.setdefault(machine.name, Load())
         load.waiting = max(load.waiting, sync.waiting_cells)
         load.flights = max(load.flights, sync._outbox.flights)
+        self._watch_fence(self._name(machine), sync, frame.index, inbox, sent)
         batches = [len(message.records) for _, _, message in sent if isinstance(message, Batch)]
         load.batch_records = max([load.batch_records, *batches])
         if any(isinstance(envelope.message, Delta | Digest) for envelope in inbox):
             name = self._name(machine)
             sighting = Sighting(name, copy.manager_epoch, copy.version, copy.cells.copy(), len(self.history.commits))
             self.history.sightings.append(sighting)
+
+    def _watch_fence(
+        self, name: str, sync: RobotSync, frame: int, inbox: Sequence[Envelope], sent: Sequence[Sent]
+    ) -> None:
+        """One of two may come back if it heard nothing of the other for so long: for all it knows it is alone."""
+        if sync.fenced:
+            self._silent_since.setdefault(name, frame)
+        acks = [envelope.message for envelope in inbox if isinstance(envelope.message, Ack)]
+        if name in self._silent_since and any(ack.epoch > sync._joining._last_epoch for ack in acks):
+            self._silent_since[name] = frame
+        if name in self._silent_since and any(isinstance(message, Hello) for _, _, message in sent):
+            silent = frame - self._silent_since.pop(name) >= SILENCE_FRAMES
+            self.history.returns += silent and bool(self._plan.twins)
 
     def _name(self, machine: Machine) -> str:
         """Of one life of one container."""
