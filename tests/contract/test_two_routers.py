@@ -140,3 +140,4 @@ def test_the_clock_goes_on_while_the_far_host_is_away_and_with_it_afterwards(
     for thread in threads:
         thread.join(10)
         assert not thread.is_alive()
+    assert not clock.deterministic
