@@ -7,6 +7,7 @@ from pathlib import Path
 
 from orograph import keys, layers, messages
 from orograph.fields import Array, AtMost, Choice, Flag, Kind, Number, Raw, Text, Whole, kinds_of
+from orograph.routes import Route
 from orograph.storage.scenario_file import scenario_json_schema
 
 ROOT = Path(__file__).parents[1]
@@ -43,6 +44,18 @@ def layer_row(kind: layers.LayerKind) -> str:
     return f"| `{kind.name}` | {kind.unit} | {kind.wire.lstrip('<')} | {kind.step:.4g} | {unknown} | {kind.fused} |"
 
 
+def route_words(route: Route) -> str:
+    """`sim`: world to laser, of every robot at once."""
+    to, robot = keys.split(route.to)
+    return f"`{route.plane}`: {route.sender} to {to}{', of every robot at once' if robot else ''}"
+
+
+def newest_words(cls: type[messages.Message]) -> str:
+    """What a newer message of a kind replaces."""
+    per = " and ".join(["sender", *(f"`{field}`" for field in cls.newest_by or ())])
+    return f"- in paced time a late receiver takes the newest alone, per {per}"
+
+
 def reference() -> str:
     """The whole document."""
     lines = [
@@ -64,6 +77,9 @@ def reference() -> str:
             f"## {name}",
             "",
             (cls.__doc__ or "").split("\n\n")[0],
+            "",
+            *(f"- {route_words(route)}" for route in cls.routes),
+            *([newest_words(cls)] if cls.newest_by is not None else []),
             "",
             "| field | type | meaning |",
             "|---|---|---|",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import secrets
 import time
 
 from orograph import keys
@@ -24,8 +23,7 @@ def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[MapManagerN
     scenario, stages = briefing.scenario, StageRecorder(time.perf_counter_ns)
     briefing.folder.mkdir(parents=True, exist_ok=True)
     store = SqliteStore(briefing.folder / STORE, scenario.grid.grid.shape, metrics.COMMIT.time)
-    node = MapManagerNode(scenario, scenario.robot_ids, store, stages, draw=secrets.randbits(31))
-    return [node], {keys.MANAGER: stages}
+    return [MapManagerNode(scenario, scenario.robot_ids, store, stages)], {keys.MANAGER: stages}
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ import dataclasses
 import math
 import re
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, Final, Protocol, TypeVar
 
 import numpy as np
@@ -336,22 +335,28 @@ def array(dtype: np.dtype[Any] | str, axes: tuple[int | AtMost, ...], unit: str 
     return _field(Array(np.dtype(dtype), axes, unit))
 
 
-@cache
-def kinds_of(cls: type) -> dict[str, Kind]:
+_kinds_of: Final[dict[type[Any], dict[str, Kind]]] = {}
+_bytes_max: Final[dict[type[Any], int]] = {}
+
+
+def kinds_of(cls: type[Any]) -> dict[str, Kind]:
     """A message class's fields by name, in order."""
-    return {f.name: f.metadata["kind"] for f in dataclasses.fields(cls)}
+    if cls not in _kinds_of:
+        _kinds_of[cls] = {f.name: f.metadata["kind"] for f in dataclasses.fields(cls)}
+    return _kinds_of[cls]
 
 
-@cache
-def bytes_max(cls: type) -> int:
+def bytes_max(cls: type[Any]) -> int:
     """The most that a message of this class takes on the wire."""
-    return 3 * HEAD_BYTES + sum(HEAD_BYTES + len(name) + kind.bytes_max for name, kind in kinds_of(cls).items())
+    if cls not in _bytes_max:
+        sizes = (HEAD_BYTES + len(name) + kind.bytes_max for name, kind in kinds_of(cls).items())
+        _bytes_max[cls] = 3 * HEAD_BYTES + sum(sizes)
+    return _bytes_max[cls]
 
 
 def pack(message: Any) -> dict[str, Any]:
     """Plain forms by field name; raises Rejected, naming the field, for a value that it may not hold."""
-    cls: type = type(message)
-    return {name: _packed(kind, name, getattr(message, name)) for name, kind in kinds_of(cls).items()}
+    return {name: _packed(kind, name, getattr(message, name)) for name, kind in kinds_of(type(message)).items()}
 
 
 def _packed(kind: Kind, name: str, value: Any) -> Any:
@@ -364,8 +369,7 @@ def _packed(kind: Kind, name: str, value: Any) -> Any:
 
 def unpack(cls: type[T], plain: Any) -> T:
     """The message that `pack` took apart; raises Rejected, naming the field, for anything else."""
-    known: type = cls
-    kinds = kinds_of(known)
+    kinds = kinds_of(cls)
     if type(plain) is not dict or plain.keys() != kinds.keys():
         raise Rejected("keys", cls.__name__)
     return cls(**{name: _unpacked(kind, name, plain[name]) for name, kind in kinds.items()})
@@ -382,8 +386,7 @@ def _unpacked(kind: Kind, name: str, plain: Any) -> Any:
 
 def saturated(cls: type[T], **values: Any) -> T:
     """A message whose numbers end where their fields do, as an instrument's reading does at the end of its scale."""
-    known: type = cls
-    kinds = kinds_of(known)
+    kinds = kinds_of(cls)
     return cls(**{name: _clipped(kinds[name], value) for name, value in values.items()})
 
 

@@ -21,6 +21,8 @@ SERVICES = (WORLD, MANAGER, ORCHESTRATOR, *ROBOT_SERVICES)
 RADIO_SERVICES = (MAPPING, NAVIGATOR, MANAGER, ORCHESTRATOR)
 
 NONE, ALL = "-", "all"
+EVERY = "*"
+"""Stands for the robot in the address of a group."""
 ROBOT_ID = re.compile(r"robot_[0-9]{3}")
 
 
@@ -46,7 +48,7 @@ def node(service: str, robot: str | None = None) -> str:
 
 def group(service: str) -> str:
     """Address of that service's nodes of every robot: `robot-mapping/*`."""
-    return f"{service}/*"
+    return f"{service}/{EVERY}"
 
 
 def split(address: str) -> tuple[str, str]:
@@ -59,7 +61,7 @@ def message_key(plane: str, to: str, kind: str, sender: str) -> str:
     """Key of one message."""
     to_service, to_robot = split(to)
     from_service, from_robot = split(sender)
-    to_chunk = ALL if to_robot == "*" else (to_robot or NONE)
+    to_chunk = ALL if to_robot == EVERY else (to_robot or NONE)
     return f"{ROOT}/{plane}/{to_service}/{to_chunk}/{kind}/{from_service}/{from_robot or NONE}"
 
 
@@ -75,7 +77,7 @@ def parse_message_key(key: str) -> tuple[str, str, str, str]:
         raise ValueError(f"unknown receiver in key: {key!r}")
     if from_robot != NONE and not ROBOT_ID.fullmatch(from_robot):
         raise ValueError(f"unknown sender in key: {key!r}")
-    to = to_service if to_robot == NONE else f"{to_service}/{'*' if to_robot == ALL else to_robot}"
+    to = to_service if to_robot == NONE else f"{to_service}/{EVERY if to_robot == ALL else to_robot}"
     sender = from_service if from_robot == NONE else f"{from_service}/{from_robot}"
     return plane, to, kind, sender
 

@@ -1,4 +1,4 @@
-"""All messages between nodes, in one file: each field says dtype, shape, unit and bounds.
+"""All messages between nodes, in one file: each says who sends it to whom, each field dtype, shape, unit and bounds.
 
 Nodes exchange these objects; `comms/wire.py` packs them. Nothing here does I/O. Integers and packed records on
 everything that a map is folded from; floats only for poses, which must be finite.
@@ -13,7 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph.fields import AtMost, array, bytes_max, choice, flag, integer, number, raw
+from orograph.keys import LASER, MANAGER, MAPPING, NAVIGATOR, ORCHESTRATOR, RADIO, SIM, WORLD, group
 from orograph.layers import MAPPED
+from orograph.routes import Route, Routed
 
 SCHEMA_VERSION: Final = 1
 FRAGMENT_MAX_BYTES: Final = 30_000
@@ -64,6 +66,15 @@ WAYPOINTS_MAX: Final = 2_000
 SPEED_MAX_MPS, YAW_RATE_MAX_RADPS = 20.0, 20.0
 
 
+class Message(Routed):
+    """What nodes send each other."""
+
+
+UP = (Route(RADIO, MAPPING, MANAGER),)
+DOWN = (Route(RADIO, MANAGER, MAPPING),)
+DOWN_TO_ALL = (Route(RADIO, MANAGER, group(MAPPING)),)
+
+
 def _stamp() -> Any:
     return integer(0, STAMP_MAX_NS, "ns of simulation time")
 
@@ -72,16 +83,16 @@ def _stamp() -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class Bodies:
-    """World -> every laser: poses of all moving bodies, robots first by number, then vehicles."""
+class Bodies(Message, routes=(Route(SIM, WORLD, group(LASER)),), newest_by=()):
+    """Poses of all moving bodies, robots first by number, then vehicles."""
 
     stamp_ns: int = _stamp()
     poses: Packed = array(POSE, (AtMost(BODIES_MAX),))
 
 
 @dataclass(frozen=True, eq=False)
-class Sensors:
-    """World -> navigator: GPS, IMU (with attitude) and wheel odometry of one robot since the last frame."""
+class Sensors(Message, routes=(Route(SIM, WORLD, NAVIGATOR),)):
+    """GPS, IMU (with attitude) and wheel odometry of one robot since the last frame."""
 
     stamp_ns: int = _stamp()
     gps_quality: int = integer(0, 2, "0 none (position then meaningless), 1 single, 2 differential")
@@ -97,8 +108,8 @@ class Sensors:
 
 
 @dataclass(frozen=True, eq=False)
-class Scan:
-    """Laser -> robot-mapping: one range image."""
+class Scan(Message, routes=(Route(SIM, LASER, MAPPING),), newest_by=()):
+    """One range image."""
 
     stamp_ns: int = _stamp()
     ranges: Packed = array(
@@ -107,8 +118,8 @@ class Scan:
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
-    """Navigator -> robot-mapping: estimated pose of the robot's base in the map frame."""
+class Pose(Message, routes=(Route(SIM, NAVIGATOR, MAPPING),)):
+    """Estimated pose of the robot's base in the map frame."""
 
     stamp_ns: int = _stamp()
     x_m: float = number(-1e6, 1e6)
@@ -121,8 +132,8 @@ class Pose:
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
-    """Navigator -> world: wanted speed of the robot's body until the next one (stops after 0.5 s without)."""
+class Drive(Message, routes=(Route(SIM, NAVIGATOR, WORLD),)):
+    """Wanted speed of the robot's body until the next one (stops after 0.5 s without)."""
 
     stamp_ns: int = _stamp()
     v_mps: float = number(-SPEED_MAX_MPS, SPEED_MAX_MPS)
@@ -130,8 +141,8 @@ class Drive:
 
 
 @dataclass(frozen=True, eq=False)
-class OccupancyGrid:
-    """Robot-mapping -> navigator: occupation of the HRM (evidence over prior) or of the GLRM copy."""
+class OccupancyGrid(Message, routes=(Route(SIM, MAPPING, NAVIGATOR),), newest_by=("is_global",)):
+    """Occupation of the HRM (evidence over prior) or of the GLRM copy."""
 
     stamp_ns: int = _stamp()
     x0_m: float = number(-1e6, 1e6, "outer corner of cell (0, 0)")
@@ -147,50 +158,49 @@ class OccupancyGrid:
 
 
 @dataclass(frozen=True, eq=False)
-class Hello:
-    """Robot-mapping -> map-manager: a robot that starts asks for its next epoch."""
+class Hello(Message, routes=UP):
+    """A robot that starts asks for its next epoch."""
 
     nonce: bytes = raw(16)
 
 
 @dataclass(frozen=True, eq=False)
-class Welcome:
-    """Map-manager -> robot-mapping: the epoch granted for that nonce, and one part of the robot's own row."""
+class Welcome(Message, routes=DOWN):
+    """The epoch granted for that nonce, and one part of the robot's own row."""
 
     nonce: bytes = raw(16)
     epoch: int = integer(1, U4)
-    manager_epoch: int = integer(1, U4, "the life of the manager that holds this row")
     part: int = integer(0, 65_535)
     parts: int = integer(1, 65_536)
     row: Packed = array(REGISTER, (AtMost(1024),))
 
 
 @dataclass(frozen=True, eq=False)
-class Fenced:
-    """Map-manager -> robot-mapping: your epoch is over, a later hello won."""
+class Fenced(Message, routes=DOWN):
+    """Your epoch is over, a later hello won."""
 
     epoch: int = integer(1, U4, "the epoch that is fenced")
 
 
 @dataclass(frozen=True, eq=False)
-class Batch:
-    """Robot-mapping -> map-manager: registers that changed."""
+class Batch(Message, routes=UP):
+    """Registers that changed."""
 
     epoch: int = integer(1, U4)
     records: Packed = array(UPDATE, (AtMost(256),))
 
 
 @dataclass(frozen=True, eq=False)
-class Ack:
-    """Map-manager -> robot-mapping: these would survive kill -9 now."""
+class Ack(Message, routes=DOWN):
+    """These records would survive kill -9 now."""
 
     epoch: int = integer(1, U4)
     acked: Packed = array(ACKED, (AtMost(256),))
 
 
 @dataclass(frozen=True, eq=False)
-class Delta:
-    """Map-manager -> all robots (one beat), or -> one robot (answer to CellsRequest): changed GLRM cells.
+class Delta(Message, routes=DOWN + DOWN_TO_ALL):
+    """Changed GLRM cells: to all robots as one beat, to one robot as the answer to its CellsRequest.
 
     A beat is cut into parts; `first_version` < `last_version` span the whole beat. It applies on a copy whose version
     is at least `first_version`. A repair (`repair` True) may be applied on any version and does not raise it unless
@@ -207,8 +217,8 @@ class Delta:
 
 
 @dataclass(frozen=True, eq=False)
-class Digest:
-    """Map-manager -> all robots, every 2 s: version and hash of every tile."""
+class Digest(Message, routes=DOWN_TO_ALL):
+    """Version and hash of every tile, every 2 s."""
 
     manager_epoch: int = integer(1, U4)
     version: int = integer(0, U4)
@@ -216,10 +226,10 @@ class Digest:
 
 
 @dataclass(frozen=True, eq=False)
-class CellsRequest:
-    """Robot-mapping -> map-manager: send me what changed since `since_version`, or all of these tiles."""
+class CellsRequest(Message, routes=UP):
+    """Send me what changed since `since_version`, or all of these tiles."""
 
-    manager_epoch: int = integer(0, U4, "of whom this is asked; nobody else answers; 0 = whoever hears it")
+    manager_epoch: int = integer(0, U4, "0 = I know none: send everything")
     since_version: int = integer(0, U4)
     tiles: Packed = array("<u2", (AtMost(TILES_MAX),), "empty: by version; else whole tiles")
 
@@ -228,8 +238,8 @@ class CellsRequest:
 
 
 @dataclass(frozen=True, eq=False)
-class Mission:
-    """Orchestrator -> navigator: waypoints to visit in order; repeated until the status shows it was taken."""
+class Mission(Message, routes=(Route(RADIO, ORCHESTRATOR, NAVIGATOR),)):
+    """Waypoints to visit in order; repeated until the status shows it was taken."""
 
     number: int = integer(1, U4, "later missions replace earlier ones")
     waypoints: Packed = array("<u2", (AtMost(WAYPOINTS_MAX),), "indices into the scenario's patrol")
@@ -243,8 +253,8 @@ PHASES: Final = ("mapping", "flush", "end")
 
 
 @dataclass(frozen=True, eq=False)
-class RobotStatus:
-    """Navigator -> orchestrator, every second."""
+class RobotStatus(Message, routes=(Route(RADIO, NAVIGATOR, ORCHESTRATOR),)):
+    """How a robot fares, every second and at every waypoint."""
 
     stamp_ns: int = _stamp()
     mission: int = integer(0, U4, "number of the mission it holds, 0 = none")
@@ -256,15 +266,15 @@ class RobotStatus:
 
 
 @dataclass(frozen=True, eq=False)
-class Phase:
-    """Orchestrator -> robot-mapping, every second: where the run stands."""
+class Phase(Message, routes=(Route(RADIO, ORCHESTRATOR, group(MAPPING)),)):
+    """Where the run stands, every second."""
 
     name: str = choice(PHASES)
 
 
 @dataclass(frozen=True, eq=False)
-class MappingStatus:
-    """Robot-mapping -> orchestrator, every second."""
+class MappingStatus(Message, routes=(Route(RADIO, MAPPING, ORCHESTRATOR),)):
+    """How far a robot's map has come home, every second."""
 
     stamp_ns: int = _stamp()
     flushed: bool = flag("every cell that differs from what was acknowledged has been sent and acknowledged")
@@ -274,8 +284,8 @@ class MappingStatus:
 
 
 @dataclass(frozen=True, eq=False)
-class ManagerStatus:
-    """Map-manager -> orchestrator, every second."""
+class ManagerStatus(Message, routes=(Route(RADIO, MANAGER, ORCHESTRATOR),)):
+    """Which map there is, every second."""
 
     stamp_ns: int = _stamp()
     version: int = integer(0, U4)
@@ -287,24 +297,14 @@ class ManagerStatus:
 
 
 @dataclass(frozen=True, eq=False)
-class RunEnd:
-    """Orchestrator -> world: stop the clock after this frame."""
+class RunEnd(Message, routes=(Route(SIM, ORCHESTRATOR, WORLD),)):
+    """Stop the clock after this frame."""
 
     complete: bool = flag("False: time was up, or a robot never flushed")
     copies_equal: bool = flag("every robot's copy has the manager's hash")
 
 
-Message = (
-    Bodies | Sensors | Scan | Pose | Drive | OccupancyGrid | Hello | Welcome | Fenced | Batch | Ack | Delta | Digest
-    | CellsRequest | Mission | RobotStatus | Phase | MappingStatus | ManagerStatus | RunEnd
-)  # fmt: skip
-KINDS: Final[dict[str, type]] = {
-    cls.__name__: cls
-    for cls in (
-        Bodies, Sensors, Scan, Pose, Drive, OccupancyGrid, Hello, Welcome, Fenced, Batch, Ack, Delta, Digest,
-        CellsRequest, Mission, RobotStatus, Phase, MappingStatus, ManagerStatus, RunEnd,
-    )
-}  # fmt: skip
+KINDS: Final[dict[str, type[Message]]] = {kind.__name__: kind for kind in Message.__subclasses__()}
 assert all(bytes_max(kind) <= MESSAGE_MAX_BYTES for kind in KINDS.values())
 
 

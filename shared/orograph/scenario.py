@@ -102,6 +102,42 @@ class Building(Part):
     """Part of height_m that the roof takes; gable and hip need a rectangular footprint."""
 
 
+class Parked(Part):
+    """A box that stands, its middle at (x_m, y_m); vehicles on loops do not see it."""
+
+    x_m: Metres
+    y_m: Metres
+    heading_deg: float = 0.0
+    size_m: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = (4.2, 1.8, 1.6)
+
+
+class Change(Part):
+    """One thing that is built, parked or removed while robots map; with `until_s` it is undone again.
+
+    A robot must not stand where something appears.
+    """
+
+    at_s: Annotated[float, Field(ge=0, le=7200)]
+    until_s: Annotated[float, Field(gt=0)] = math.inf
+    build: Building | None = None
+    park: Parked | None = None
+    remove: Annotated[int, Field(ge=0)] | None = None
+    """Which of `buildings`, counted from 0."""
+
+    @model_validator(mode="after")
+    def _one_thing(self) -> Self:
+        if sum(thing is not None for thing in (self.build, self.park, self.remove)) != 1:
+            raise ValueError("a change has exactly one of build, park and remove")
+        if self.until_s <= self.at_s:
+            raise ValueError(f"until_s ({self.until_s:g}) must come after at_s ({self.at_s:g})")
+        return self
+
+    def holds(self, stamp_ns: int) -> bool:
+        """Whether it has happened by then and is not undone."""
+        until_ns = math.inf if math.isinf(self.until_s) else round(self.until_s * 1e9)
+        return round(self.at_s * 1e9) <= stamp_ns < until_ns
+
+
 class Vehicle(Part):
     """A box that drives a closed loop and stops for what stands before it."""
 
@@ -230,6 +266,8 @@ class Scenario(Part):
     terrain: TerrainSpec = TerrainSpec()
     buildings: tuple[Building, ...] = ()
     vehicles: Annotated[tuple[Vehicle, ...], Field(max_length=VEHICLES_MAX)] = ()
+    changes: Annotated[tuple[Change, ...], Field(max_length=100)] = ()
+    """What is built, parked and removed while robots map."""
     gps_quality: GivenLayer = GivenLayer(default=2)
     communications: GivenLayer = GivenLayer(default=1)
     robots: Annotated[int, Field(ge=1, le=ROBOTS_MAX)] = 3
@@ -287,6 +325,9 @@ def inconsistencies(scenario: Scenario) -> Iterator[tuple[Location, str]]:
     for i, area in enumerate(scenario.communications.areas):
         if area.value > 1:
             yield ("communications", "areas", i, "value"), f"communications are 0 or 1, found {area.value}"
+    for i, change in enumerate(scenario.changes):
+        if change.remove is not None and change.remove >= len(scenario.buildings):
+            yield ("changes", i, "remove"), f"buildings[{change.remove}] is not there, found {len(scenario.buildings)}"
     yield from _starts_too_near(scenario)
     boxes = np.array([_bounds(b.footprint) for b in scenario.buildings]).reshape(-1, 4)
     for loc, (x, y) in places(scenario):

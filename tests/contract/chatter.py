@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from orograph import keys
 from orograph.comms.bus import Bus
-from orograph.messages import Drive, Envelope, Frame
+from orograph.fields import kinds_of
+from orograph.messages import POSE, Bodies, Drive, Envelope, Frame, Message, OccupancyGrid, Pose, Scan, Sensors
 from orograph.runtime.clock import Clock
 from orograph.runtime.host import NodeHost
 from orograph.runtime.participant import Participant, Ticks
@@ -30,19 +31,32 @@ SCENARIO = Scenario.model_validate(
 )
 
 
+LASER, MAPPING, NAVIGATOR = (keys.node(service, "robot_001") for service in keys.ROBOT_SERVICES)
+NAMES = [keys.WORLD, LASER, MAPPING, NAVIGATOR]
+SAYS: dict[str, dict[str, Callable[[int], Message]]] = {
+    keys.WORLD: {
+        keys.group(keys.LASER): lambda stamp: Bodies(stamp, np.zeros(1, POSE)),
+        NAVIGATOR: lambda stamp: Sensors(stamp, 0, *[0.0] * (len(kinds_of(Sensors)) - 2)),
+    },
+    LASER: {MAPPING: lambda stamp: Scan(stamp, np.zeros((1, 8), "<u2"))},
+    MAPPING: {NAVIGATOR: lambda stamp: OccupancyGrid(stamp, 0.0, 0.0, 1.0, True, np.zeros((4, 4), "u1"))},
+    NAVIGATOR: {MAPPING: lambda stamp: Pose(stamp, *[0.0] * 7), keys.WORLD: lambda stamp: Drive(stamp, 0.0, 0.0)},
+}
+"""To whom a node speaks on the sim plane, and how."""
+
+
 class Chatter:
     """Sends a number that depends on everything it has heard, in order; so any disorder shows in the end."""
 
-    def __init__(self, name: str, peers: Sequence[str], plane: str = keys.SIM) -> None:
-        self.name, self._peers, self._plane = name, peers, plane
+    def __init__(self, name: str) -> None:
+        self.name = name
         self.state, self.frames, self.goal, self.stepped = 1, 0, FRAMES, threading.Event()
 
     def step(self, frame: Frame, inbox: Sequence[Envelope], send: Callable, note: Callable) -> None:
         for envelope in inbox:
-            if isinstance(envelope.message, Drive):
-                self.state = (self.state * 31 + envelope.message.stamp_ns * 7 + len(envelope.sender)) % 1_000_003
-        for peer in self._peers:
-            send(self._plane, peer, Drive(self.state, 0.0, 0.0))
+            self.state = (self.state * 31 + envelope.message.stamp_ns * 7 + len(envelope.sender)) % 1_000_003
+        for peer, message in SAYS.get(self.name, {}).items():
+            send(keys.SIM, peer, message(self.state))
         self.frames += 1
         self.stepped.set()
 
@@ -61,11 +75,8 @@ class Stop:
         pass
 
 
-NAMES = [keys.WORLD, keys.MANAGER, keys.ORCHESTRATOR, "navigator/robot_001"]
-
-
 def make_chatters() -> dict[str, Chatter]:
-    return {n: Chatter(n, [p for p in NAMES if p != n]) for n in NAMES}
+    return {n: Chatter(n) for n in NAMES}
 
 
 def in_one_process() -> dict[str, int]:
@@ -73,7 +84,7 @@ def in_one_process() -> dict[str, int]:
     boxes: dict[str, list[Envelope]] = {n: [] for n in NAMES}
     for k in range(FRAMES):
         sent = [e for name in sorted(NAMES) for e in sent_by(chatters[name], k, boxes[name])]
-        boxes = {n: [e for e in sent if e.to == n] for n in NAMES}
+        boxes = {n: [e for e in sent if e.to in (n, keys.group(keys.split(n)[0]))] for n in NAMES}
     return {n: c.state for n, c in chatters.items()}
 
 

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 from contract.chatter import (
+    LASER,
+    MAPPING,
     NAMES,
     SCENARIO,
     Chatter,
@@ -33,21 +35,21 @@ def test_processes_over_zenoh_step_as_one_process_does(endpoint: str, tmp_path: 
 def test_who_leaves_is_not_waited_for_and_may_come_back(endpoint: str, tmp_path: Path, comes_back: bool) -> None:
     watchdog, leaver, chatters = Stop(), Stop(), make_chatters()
     chatters[keys.WORLD].goal = sys.maxsize
-    stays = participate(endpoint, chatters[keys.MANAGER], watchdog, tmp_path)
-    leaves = participate(endpoint, chatters[keys.ORCHESTRATOR], leaver, tmp_path)
+    stays = participate(endpoint, chatters[LASER], watchdog, tmp_path)
+    leaves = participate(endpoint, chatters[MAPPING], leaver, tmp_path)
     with Recording(tmp_path, "world") as recording, Bus.open(endpoint, None, watchdog.stop) as bus:
         clock = make_clock(bus, chatters[keys.WORLD], watchdog, recording, NAMES[1:3])
         clock.await_start()
         ticking = threading.Thread(target=clock.run, daemon=True)
         ticking.start()
-        assert chatters[keys.ORCHESTRATOR].stepped.wait(10)
+        assert chatters[MAPPING].stepped.wait(10)
         leaver.stop.set()
         leaves.join(10)
         assert not leaves.is_alive()
-        await_progress(chatters[keys.MANAGER])
+        await_progress(chatters[LASER])
         assert ticking.is_alive()
         threads = [stays, *([come_back(endpoint, watchdog, tmp_path)] if comes_back else [])]
-        await_progress(chatters[keys.MANAGER])
+        await_progress(chatters[LASER])
         chatters[keys.WORLD].goal = 0
         ticking.join(20)
     for thread in threads:
@@ -57,7 +59,7 @@ def test_who_leaves_is_not_waited_for_and_may_come_back(endpoint: str, tmp_path:
 
 
 def come_back(endpoint: str, watchdog: Stop, out: Path) -> threading.Thread:
-    back = Chatter(keys.ORCHESTRATOR, [keys.WORLD])
+    back = Chatter(MAPPING)
     thread = participate(endpoint, back, watchdog, out)
     assert back.stepped.wait(10)
     return thread
@@ -67,7 +69,7 @@ def come_back(endpoint: str, watchdog: Stop, out: Path) -> threading.Thread:
 def test_a_paced_or_stopped_run_promises_no_map(
     endpoint: str, tmp_path: Path, pace: float | str, is_stopped: bool
 ) -> None:  # fmt: skip
-    watchdog, world, manager = Stop(), Chatter(keys.WORLD, []), Chatter(keys.MANAGER, [])
+    watchdog, world, manager = Stop(), Chatter(keys.WORLD), Chatter(keys.MANAGER)
     thread = participate(endpoint, manager, watchdog, tmp_path)
     with Recording(tmp_path, "world") as recording, Bus.open(endpoint, None, watchdog.stop) as bus:
         scenario = SCENARIO.model_copy(update={"time_scale": pace})
@@ -94,7 +96,7 @@ def test_the_end_reaches_the_world_as_a_message(endpoint: str, tmp_path: Path) -
             self.frames += 1
             self.ended = next((e.message for e in inbox if isinstance(e.message, RunEnd)), None)
 
-    watchdog, world, ender = Stop(), World(keys.WORLD, []), Ender(keys.ORCHESTRATOR, [])
+    watchdog, world, ender = Stop(), World(keys.WORLD), Ender(keys.ORCHESTRATOR)
     thread = participate(endpoint, ender, watchdog, tmp_path)
     with Recording(tmp_path, "world") as recording, Bus.open(endpoint, None, watchdog.stop) as bus:
         host = NodeHost(bus, [world], SCENARIO, recording)

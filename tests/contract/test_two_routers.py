@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -9,7 +10,17 @@ from pathlib import Path
 
 import pytest
 from contract import claimant
-from contract.chatter import Stop, assert_steps_as_one_process, await_progress, make_chatters, make_clock, participate
+from contract.chatter import (
+    LASER,
+    MAPPING,
+    NAVIGATOR,
+    Stop,
+    assert_steps_as_one_process,
+    await_progress,
+    make_chatters,
+    make_clock,
+    participate,
+)
 from contract.conftest import free_endpoint
 from contract.link import Link
 from orograph import keys
@@ -19,7 +30,7 @@ from orograph.storage.recording import Recording
 from polling import until
 
 STOP = threading.Event()
-FAR = "navigator/robot_001"
+FAR = NAVIGATOR
 
 
 @dataclass
@@ -86,8 +97,8 @@ def test_without_the_link_nobody_is_seen(start_router: Callable[..., object]) ->
 
 
 def test_lockstep_over_two_routers_is_that_of_one_process(hosts: Hosts, tmp_path: Path) -> None:
-    near = dict.fromkeys((keys.WORLD, keys.MANAGER), hosts.base)
-    assert_steps_as_one_process(near | dict.fromkeys((keys.ORCHESTRATOR, FAR), hosts.far), tmp_path)
+    near = dict.fromkeys((keys.WORLD, LASER), hosts.base)
+    assert_steps_as_one_process(near | dict.fromkeys((MAPPING, FAR), hosts.far), tmp_path)
 
 
 @pytest.mark.parametrize("cut", [Link.reset, Link.fall_silent])
@@ -117,10 +128,11 @@ def test_the_clock_goes_on_while_the_far_host_is_away_and_with_it_afterwards(
     hosts: Hosts, cut: Callable[[Link], None], tmp_path: Path
 ) -> None:
     watchdog, chatters = Stop(), make_chatters()
-    near, far = chatters[keys.MANAGER], chatters[FAR]
+    near, far = chatters[LASER], chatters[FAR]
+    chatters[keys.WORLD].goal = sys.maxsize
     threads = [participate(hosts.base, near, watchdog, tmp_path), participate(hosts.far, far, watchdog, tmp_path)]
     with Recording(tmp_path, "world") as recording, Bus.open(hosts.base, None, watchdog.stop) as bus:
-        clock = make_clock(bus, chatters[keys.WORLD], watchdog, recording, [keys.MANAGER, FAR], frames=10_000_000)
+        clock = make_clock(bus, chatters[keys.WORLD], watchdog, recording, [LASER, FAR])
         tokens = Tokens(bus)
         clock.await_start()
         ticking = threading.Thread(target=clock.run, daemon=True)

@@ -102,13 +102,13 @@ def fold_cell(prior: np.void, registers: Sequence[np.void], rules: Any = Default
 
 
 def fold_slowly(prior: np.ndarray, registers: np.ndarray) -> np.ndarray:
-    """The whole map: the prior of every cell (n,) with the values that its ROBOT_REGISTERs (m,) give."""
+    """These cells of the map: the prior of each (n,) with the values that its ROBOT_REGISTERs (m,) give."""
     by_cell: dict[int, list[np.void]] = {}
     for register in registers:
         by_cell.setdefault(int(register["cell"]), []).append(register)
     out = prior.copy()
-    for cell in range(len(prior)):
-        values = fold_cell(prior[cell], by_cell.get(cell, []))
+    for i, cell in enumerate(prior["cell"].tolist()):
+        values = fold_cell(prior[i], by_cell.get(cell, []))
         for name, value in zip(("height", "gradient_x", "gradient_y", "occupation", "confidence"), values, strict=True):
-            out[name][cell] = value
+            out[name][i] = value
     return out

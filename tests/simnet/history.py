@@ -1,10 +1,11 @@
-"""What a fault run leaves behind for the checkers: plain values only, so that recorded live runs can be judged too."""
+"""What a storm leaves behind for the checkers: plain values only."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 import numpy as np
+from orograph.messages import RunEnd
 
 
 @dataclass
@@ -45,14 +46,14 @@ class Load:
     waiting: int = 0
     flights: int = 0
     batch_records: int = 0
-    messages_per_step: int = 0
 
 
 @dataclass
 class History:
-    """One run, from the first message to the quiet after the heal."""
+    """One run, from the first message to the end of the mission or the quiet after the heal."""
 
-    size: int
+    seed: int
+    prior: np.ndarray
     acked: list[Acked] = field(default_factory=list)
     commits: list[Commit] = field(default_factory=list)
     recovered: list[tuple[bytes, bytes]] = field(default_factory=list)
@@ -63,21 +64,26 @@ class History:
     """Epochs (robot, epoch) that were declared over while an instance wrote in them."""
     restarts: int = 0
     conflicts: int = 0
-    lost_disks: int = 0
-    """What is above, and the sightings, are of the time since then."""
+    returns: int = 0
+    """How often one of two with one id, fenced, said hello again after it had heard nothing of the other for 3 s."""
     rejected_changes: int = 0
     """Inputs that had to be rejected but changed the manager's state or were not counted."""
     quiet: bool = False
     heal_to_quiet_ms: int = 0
     """From when the last late message of the storm had come."""
+    end: RunEnd | None = None
+    """What the orchestrator told the world, if it did; it never can where a robot has a twin."""
+    rests_at_end: bool = False
+    """Whether all was quiet when it did."""
     manager_hash: bytes = b""
     copy_hashes: dict[str, bytes] = field(default_factory=dict)
-    prior: np.ndarray | None = None
     glrm: np.ndarray | None = None
     """The manager's map at the end (CELL)."""
     registers: np.ndarray | None = None
     """The manager's, at the end (ROBOT_REGISTER)."""
     own: dict[int, np.ndarray] = field(default_factory=dict)
     """Robot number -> its mapper's last evidence (UPDATE, one per cell that has any)."""
+    alone: dict[int, np.ndarray] = field(default_factory=dict)
+    """Robot number -> what its mapper had come to undisturbed, over all the scans of the run (UPDATE)."""
     fault_free_hash: bytes | None = None
     """None where a robot lost its memory, so that the same map is not promised."""

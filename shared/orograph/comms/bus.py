@@ -48,6 +48,7 @@ class Bus:
 
     def send(self, sender: str, plane: str, to: str, message: Message) -> None:
         """Send one node's message, numbered within this frame."""
+        assert any(route.carries(plane, sender, to) for route in message.routes), (sender, plane, to, message)
         key = keys.message_key(plane, to, type(message).__name__, sender)
         index = self._index[sender]
         self._index[sender] += 1

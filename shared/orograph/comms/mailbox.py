@@ -5,17 +5,17 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter, defaultdict, deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
 
 from orograph import keys
 from orograph.comms import wire
-from orograph.fields import Rejected
-from orograph.messages import Bodies, Envelope, OccupancyGrid, Scan
+from orograph.fields import Rejected, bytes_max
+from orograph.messages import Envelope
+from orograph.routes import check_route
 
-Route = tuple[str, str, str]
+Stream = tuple[str, str, str]
 """(plane, to address, sender)."""
-NEWEST_ONLY = (Bodies, Scan, OccupancyGrid)
-"""Streams of which a late consumer wants the newest alone (paced time)."""
 PATIENCE_S = 2.0
 """Longest wait for a counted message: the link's lease. It was lost if it takes longer."""
 CUT_PATIENCE_S = 0.05
@@ -29,13 +29,15 @@ AHEAD_FRAMES_MAX = 100
 class Mailbox:
     """Bounded store of received envelopes; filled by Zenoh's callback threads, emptied by the stepping thread."""
 
-    def __init__(self, bound: int = BOUND, bound_bytes: int = BOUND_BYTES) -> None:
+    def __init__(self, robots: Collection[str], bound: int = BOUND, bound_bytes: int = BOUND_BYTES) -> None:
+        """`robots` are those of the run: no other may send."""
+        self._robots = frozenset(robots)
         self._bound, self._bound_bytes = bound, bound_bytes
         self._changed = threading.Condition()
         self._joiner = wire.Joiner()
         self._waiting: deque[tuple[Envelope, int]] = deque()
         self._waiting_bytes = 0
-        self._arrived: Counter[tuple[int, Route]] = Counter()
+        self._arrived: Counter[tuple[int, Stream]] = Counter()
         self._cut: set[str] = set()
         self.lost = 0
         """Messages to these nodes that none of them will see: given up, overflowed, astray, or unreadable."""
@@ -57,9 +59,11 @@ class Mailbox:
             self._changed.notify_all()
 
     def _add(self, key: str, piece: bytes) -> None:
-        plane, to, kind, sender = keys.parse_message_key(key)
+        plane, to, name, sender = keys.parse_message_key(key)
+        kind = wire.kind_of(name)
+        check_route(kind, plane, sender, to, self._robots)
         self.bytes_received[plane, to, sender] += len(piece)
-        whole = self._joiner.add(key, piece)
+        whole = self._joiner.add(key, piece, bytes_max(kind))
         self.counts["forgotten"] = self._joiner.forgotten
         if whole is None:
             return
@@ -79,7 +83,7 @@ class Mailbox:
             self.lost += 1
             self.counts["overflowed"] += 1
 
-    def await_counted(self, frame: int, need: Mapping[Route, int], stop: threading.Event) -> int:
+    def await_counted(self, frame: int, need: Mapping[Stream, int], stop: threading.Event) -> int:
         """Wait until all messages counted for `frame` are here; returns how many were given up as lost."""
         missing = 0
         for plane in keys.PLANES:
@@ -90,7 +94,7 @@ class Mailbox:
         self.lost += missing
         return missing
 
-    def _await_plane(self, plane: str, frame: int, wanted: Mapping[Route, int], stop: threading.Event) -> int:
+    def _await_plane(self, plane: str, frame: int, wanted: Mapping[Stream, int], stop: threading.Event) -> int:
         deadline = time.monotonic() + (CUT_PATIENCE_S if plane in self._cut else PATIENCE_S)
         with self._changed:
             while (missing := self._missing(frame, wanted)) and not stop.is_set():
@@ -102,7 +106,7 @@ class Mailbox:
             self._cut.discard(plane)
             return 0
 
-    def _missing(self, frame: int, wanted: Mapping[Route, int]) -> int:
+    def _missing(self, frame: int, wanted: Mapping[Stream, int]) -> int:
         return sum(max(0, n - self._arrived[frame, route]) for route, n in wanted.items())
 
     def take(self, before: int, newest_only: bool) -> list[Envelope]:
@@ -121,16 +125,19 @@ class Mailbox:
         return self._thin(ready) if newest_only else ready
 
     def _thin(self, ready: list[Envelope]) -> list[Envelope]:
-        newest: dict[tuple[str, str, type, bool], Envelope] = {}
-        for e in ready:
-            if isinstance(e.message, NEWEST_ONLY):
-                newest[e.to, e.sender, type(e.message), getattr(e.message, "is_global", False)] = e
-        kept = [e for e in ready if not isinstance(e.message, NEWEST_ONLY) or e in newest.values()]
+        newest = {stream: e for e in ready if (stream := _stream(e)) is not None}
+        kept = [e for e in ready if (stream := _stream(e)) is None or newest[stream] is e]
         self.counts["skipped"] += len(ready) - len(kept)
         return kept
 
 
-def routes_to(nodes: Iterable[str], counted: Mapping[str, Mapping[str, Mapping[str, int]]]) -> dict[Route, int]:
+def _stream(e: Envelope) -> tuple[Any, ...] | None:
+    """What tells apart the streams of which the newest message replaces the others; None where each one counts."""
+    by = e.message.newest_by
+    return None if by is None else (e.plane, e.to, e.sender, type(e.message), *(getattr(e.message, f) for f in by))
+
+
+def routes_to(nodes: Iterable[str], counted: Mapping[str, Mapping[str, Mapping[str, int]]]) -> dict[Stream, int]:
     """From a tick's table {plane: {to: {sender: n}}}, what these nodes must hold before they step."""
     names = list(nodes)
     addresses = {*names, *(keys.group(keys.split(n)[0]) for n in names if keys.split(n)[1])}

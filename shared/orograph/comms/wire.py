@@ -9,19 +9,20 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, TypeVar
 
 import msgpack
 
 from orograph import fields
 from orograph.fields import Rejected
 from orograph.messages import FRAGMENT_MAX_BYTES, KINDS, MESSAGE_MAX_BYTES, SCHEMA_VERSION, Message
+from orograph.routes import Routed
 
 HEADER = struct.Struct("<IIHHI")
 """frame, index of the message among its sender's in that frame, part, parts, crc32 of the whole message."""
 
 
-def encode(message: Message) -> bytes:
+def encode(message: Routed) -> bytes:
     """One message as bytes; raises AssertionError, naming message and field, if it breaks its own bounds."""
     try:
         body = fields.pack(message)
@@ -31,11 +32,11 @@ def encode(message: Message) -> bytes:
     return packed
 
 
-def decode(kind: str, payload: bytes) -> Message:
-    """The message that `encode` made; raises Rejected for anything else."""
-    if kind not in KINDS:
-        raise Rejected("kind", kind[:40])
-    cls = KINDS[kind]
+M = TypeVar("M", bound=Routed)
+
+
+def decode(cls: type[M], payload: bytes) -> M:
+    """The message of this kind that `encode` made; raises Rejected for anything else."""
     if len(payload) > fields.bytes_max(cls):
         raise Rejected("size", str(len(payload)))
     whole = unpack_plain(payload)
@@ -61,6 +62,13 @@ def unpack_plain(payload: bytes, max_items: int = 4096) -> Any:
         raise Rejected("msgpack", type(error).__name__) from error
 
 
+def kind_of(name: str) -> type[Message]:
+    """The kind of message that a key names; raises Rejected for none of ours."""
+    if name not in KINDS:
+        raise Rejected("kind", name[:40])
+    return KINDS[name]
+
+
 def fragments(frame: int, index: int, payload: bytes) -> Iterator[bytes]:
     """Cut one message into pieces that fit the wire."""
     room = FRAGMENT_MAX_BYTES - HEADER.size
@@ -80,12 +88,15 @@ class Joiner:
         self._open: dict[tuple[str, int, int, int], dict[int, bytes]] = {}
         self.forgotten = 0
 
-    def add(self, key: str, piece: bytes) -> tuple[int, int, bytes] | None:
-        """(frame, index, message) when this piece completes one; raises Rejected for a bad piece."""
+    def add(self, key: str, piece: bytes, bytes_max: int = MESSAGE_MAX_BYTES) -> tuple[int, int, bytes] | None:
+        """(frame, index, message) when this piece completes one; raises Rejected for a bad piece.
+
+        `bytes_max` is the most that a message of that key can take: nothing longer is collected.
+        """
         if not HEADER.size <= len(piece) <= FRAGMENT_MAX_BYTES:
             raise Rejected("size", str(len(piece)))
         frame, index, part, parts, crc = HEADER.unpack_from(piece)
-        if part >= parts or parts * (FRAGMENT_MAX_BYTES - HEADER.size) > MESSAGE_MAX_BYTES + FRAGMENT_MAX_BYTES:
+        if part >= parts or (parts - 1) * (FRAGMENT_MAX_BYTES - HEADER.size) > bytes_max:
             raise Rejected("size", f"{part} of {parts}")
         name = (key, frame, index, crc)
         if name in self._finished:

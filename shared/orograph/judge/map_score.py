@@ -36,15 +36,18 @@ Judged = npt.NDArray[Any]
 
 def top_m(cells: CellMap) -> F64:
     """The upper surface (rows, cols) [m]: the layer `height_top` where a map has it and knows it, else `height`."""
-    top = getattr(cells, "height_top", None)
-    height = cells.height.astype(np.float64)
-    return height if top is None else np.where(np.isnan(top), height, top)
+    top = _top(cells)
+    return np.where(np.isnan(top), cells.height, top)
 
 
 def confidence_of(cells: CellMap, truth: MapTruth) -> F64:
-    """Confidence (rows, cols) of what is judged: on roofs that of the top, where the map has one of its own."""
-    top = getattr(cells, "confidence_top", cells.confidence)
-    return np.where(truth.roof, top, cells.confidence).astype(np.float64)
+    """Confidence (rows, cols) in what is judged: `confidence_top` on roofs whose top is known, else `confidence`."""
+    own = getattr(cells, "confidence_top", cells.confidence)
+    return np.where(truth.roof & np.isfinite(_top(cells)), own, cells.confidence).astype(np.float64)
+
+
+def _top(cells: CellMap) -> F64:
+    return np.asarray(getattr(cells, "height_top", np.full(cells.height.shape, np.nan)), np.float64)
 
 
 def confident(cells: CellMap, truth: MapTruth) -> Mask:

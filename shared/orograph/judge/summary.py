@@ -80,7 +80,7 @@ class Verdict:
 
 def judge(parts: RunParts, reference: Reference) -> Verdict:
     """Score a run and check its promises."""
-    ledger, scene = read_ledger(parts), build_scene(parts.scenario)
+    ledger, scene = read_ledger(parts), build_scene(parts.scenario, round(parts.run.sim_time_s * 1e9))
     given = given_layers(parts.scenario)
     records = prior_records(parts.scenario)
     prior = unpack(records, parts.glrm_grid, *given)

@@ -134,7 +134,7 @@ class PoseFilter:
         F = np.eye(5)
         F[X, YAW], F[Y, YAW] = -moved * s, moved * c
         F[X, SCALE], F[Y, SCALE], F[Z, SCALE] = wheels_m * c, wheels_m * s, wheels_m * climb
-        self._P = F @ self._P @ F.T + self._process_noise(moved, turned, c, s, dt_s)
+        self._P = np.einsum("ij,jk,lk->il", F, self._P, F) + self._process_noise(moved, turned, c, s, dt_s)
         self.moved_m += abs(moved)
         return moved
 

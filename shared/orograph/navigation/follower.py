@@ -125,6 +125,7 @@ def _curvature(xy_m: F64, arc_m: F64) -> F64:
     last = len(arc_m) - 1
     before = xy_m - xy_m[np.maximum(np.searchsorted(arc_m, arc_m - 1.5), 0)]
     after = xy_m[np.minimum(np.searchsorted(arc_m, arc_m + 1.5), last)] - xy_m
-    turn = np.arctan2(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], np.sum(before * after, axis=1))
+    left, ahead = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], np.sum(before * after, axis=1)
+    turn = np.array([math.atan2(y, x) for y, x in zip(left, ahead, strict=True)])
     length = 0.5 * (np.hypot(*before.T) + np.hypot(*after.T))
     return np.where(length > 0.5, np.abs(turn) / np.maximum(length, 0.5), 0.0)

@@ -23,30 +23,22 @@ COVERAGE = np.dtype([("stamp_ns", "<i8"), ("confident_cells", "<u4"), ("version"
 
 
 class MapManagerNode:
-    """Glue of `ManagerSync`; raises StoreFailed from `step`, upon which the process must end and recover.
-
-    `draw` is a random number of 31 bits.
-    """
+    """Glue of `ManagerSync`; raises StoreFailed from `step`, upon which the process must end and recover."""
 
     def __init__(
         self, scenario: Scenario, robots: tuple[str, ...], store: Store, stage: Stage = untimed,
-        limits: Limits = LIMITS, draw: int = 0,
+        limits: Limits = LIMITS,
     ) -> None:  # fmt: skip
         self.name = keys.node(keys.MANAGER)
         grid, self._robots = scenario.grid.grid, robots
         self._prior = prior_records(scenario)
-        rules = Rules.of(scenario.rules)
-        self._sync = ManagerSync(grid.shape, self._prior, rules, store, robots, stage, limits, draw)
+        self._sync = ManagerSync(grid.shape, self._prior, Rules.of(scenario.rules), store, robots, stage, limits)
         self._status = Every(SECOND_NS)
         self._coverage: list[tuple[int, int, int]] = []
 
     def step(self, frame: Frame, inbox: Sequence[Envelope], send: Send, note: Note) -> None:
         """Give the robots' messages to the protocol, what comes out to the radio."""
-        from_robots: list[tuple[str, Message]] = []
-        for envelope in inbox:
-            service, robot = keys.split(envelope.sender)
-            if service == keys.MAPPING:
-                from_robots.append((robot, envelope.message))
+        from_robots = [(keys.split(envelope.sender)[1], envelope.message) for envelope in inbox]
 
         def send_to(robot: str | None, message: Message) -> None:
             to = keys.group(keys.MAPPING) if robot is None else keys.node(keys.MAPPING, robot)

@@ -14,7 +14,8 @@ from orograph.geometry import roll_pitch_yaw, wrap_angle
 from orograph.layers import Layer
 from orograph.messages import Bodies, Drive, Envelope, Frame, RunEnd
 from orograph.node import Note, Send
-from orograph.scenario import Scenario
+from orograph.scenario import Change, Scenario
+from orograph.scene.changes import epoch
 from orograph.scene.prior import given_layers
 from orograph.world import World
 from orograph.world.navigation_sensors import Motion, NavigationSensors
@@ -43,6 +44,7 @@ class WorldNode:
         self._yaw_rad = {robot: self._yaw(robot) for robot in robots}
         self._radio_up = self.radio_up()
         self._tipped: set[str] = set()
+        self._epoch = (False,) * len(scenario.changes)
         self._frame = 0
         self._trace: defaultdict[str, list[tuple[float, ...]]] = defaultdict(list)
 
@@ -110,6 +112,10 @@ class WorldNode:
         send(keys.SIM, keys.node(keys.NAVIGATOR, robot), reading)
 
     def _watch(self, note: Note) -> None:
+        for i, holds in enumerate(now := epoch(self.scenario, self.world.stamp_ns)):
+            if holds != self._epoch[i]:
+                note("scene-changed", {"change": i, "what": _what(self.scenario.changes[i], holds)})
+        self._epoch = now
         radio_up = self.radio_up()
         for robot in self.robots:
             if radio_up[robot] != self._radio_up[robot]:
@@ -140,3 +146,9 @@ class WorldNode:
     def _place(self, robot: str) -> dict[str, float]:
         x, y, _ = self.world.position_m(robot).tolist()
         return {"x_m": round(x, 2), "y_m": round(y, 2)}
+
+
+def _what(change: Change, holds: bool) -> str:
+    """What has just happened, in a word."""
+    words = ("built", "pulled down") if change.build else ("parked", "left") if change.park else ("removed", "rebuilt")
+    return words[0] if holds else words[1]

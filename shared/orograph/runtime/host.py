@@ -29,7 +29,7 @@ class NodeHost:
     def __init__(self, bus: Bus, nodes: Sequence[Node], scenario: Scenario, recording: Recording) -> None:
         self.nodes = sorted(nodes, key=lambda n: n.name)
         self._bus, self._scenario, self._recording = bus, scenario, recording
-        self._mailbox = Mailbox()
+        self._mailbox = Mailbox(scenario.robot_ids)
         self._lost, self._shown_s = 0, 0.0
         bus.listen([n.name for n in self.nodes], self._mailbox)
 

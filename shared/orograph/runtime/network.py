@@ -11,9 +11,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from orograph import keys
+from orograph.fields import Rejected
 from orograph.messages import Envelope, Message
 from orograph.radio import delivers
 from orograph.randomness import stream
+from orograph.routes import check_route
 from orograph.scenario import Scenario
 
 
@@ -68,7 +70,7 @@ class Network:
         forecast: Sequence[Spell] = (), size_bytes: Callable[[Message], int] = lambda message: 0,
     ) -> None:  # fmt: skip
         self._scenario, self._radio_up, self._size_bytes = scenario, radio_up, size_bytes
-        self._forecast = forecast
+        self._forecast, self._robots = forecast, frozenset(scenario.robot_ids)
         self._rng = stream(scenario.seed, "weather")
         self._boxes: dict[str, list[tuple[int, int, int, Envelope]]] = {name: [] for name in names}
         self._receivers: defaultdict[str, list[str]] = defaultdict(list)
@@ -76,6 +78,8 @@ class Network:
             self._receivers[name].append(name)
             self._receivers[keys.group(keys.split(name)[0])].append(name)
         self._carried = 0
+        self.refused: Counter[str] = Counter()
+        """What came along no route of its kind, or from a robot that is not in this run, by reason."""
         self.bytes_up: Counter[str] = Counter()
         """Radio bytes by robot, as sent."""
         self.bytes_down: Counter[str] = Counter()
@@ -85,7 +89,7 @@ class Network:
         """Take what all nodes sent in a frame, ordered by (sender, index)."""
         up = self._radio_up()
         spells = [spell for spell in self._forecast if spell.begin <= frame < spell.end]
-        for envelope in sent:
+        for envelope in filter(self._is_routed, sent):
             receivers = self._receivers[envelope.to]
             if envelope.plane == keys.SIM:
                 for receiver in receivers:
@@ -95,6 +99,14 @@ class Network:
                 for receiver in receivers:
                     if self._in_reach(envelope, receiver, up):
                         self._transmit(envelope, receiver, spells)
+
+    def _is_routed(self, e: Envelope) -> bool:
+        try:
+            check_route(type(e.message), e.plane, e.sender, e.to, self._robots)
+        except Rejected as error:
+            self.refused[error.reason] += 1
+            return False
+        return True
 
     def arrived(self, name: str, frame: int) -> list[Envelope]:
         """Remove and return what has come for nodes of this name by this frame."""

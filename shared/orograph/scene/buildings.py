@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import mapbox_earcut
 import numpy as np
 import shapely
@@ -28,8 +30,8 @@ def is_rectangle(corners: F64) -> bool:
     """Whether corners (n, 2) are a rectangle: four, with diagonals that halve each other and are equally long."""
     if len(corners) != 4:
         return False
-    midpoints = np.linalg.norm((corners[0] + corners[2]) / 2 - (corners[1] + corners[3]) / 2)
-    lengths = np.linalg.norm(corners[2] - corners[0]) - np.linalg.norm(corners[3] - corners[1])
+    midpoints = math.hypot(*((corners[0] + corners[2]) / 2 - (corners[1] + corners[3]) / 2))
+    lengths = math.hypot(*(corners[2] - corners[0])) - math.hypot(*(corners[3] - corners[1]))
     return bool(max(midpoints, abs(lengths)) <= RECTANGLE_TOLERANCE_M)
 
 
@@ -50,7 +52,7 @@ def _prism(corners: F64, floor_m: float, top_m: float) -> tuple[F64, I32]:
 
 def _ridged(corners: F64, floor_m: float, eaves_m: float, ridge_m: float, hip: bool) -> tuple[F64, I32]:
     """A rectangle under a ridge along its longer side; hips draw the ridge's ends in by half the shorter side."""
-    sides = np.linalg.norm(corners[1] - corners[0]), np.linalg.norm(corners[2] - corners[1])
+    sides = math.hypot(*(corners[1] - corners[0])), math.hypot(*(corners[2] - corners[1]))
     ring = corners if sides[0] >= sides[1] else np.roll(corners, -1, axis=0)
     long_m, short_m = max(sides), min(sides)
     ends = np.stack([(ring[3] + ring[0]) / 2, (ring[1] + ring[2]) / 2])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +13,7 @@ import numpy.typing as npt
 from orograph.arrays import F64
 from orograph.scenario import Scenario
 from orograph.scene.buildings import building_mesh
+from orograph.scene.changes import solids, standing
 from orograph.scene.mesh import Mesh, joined
 from orograph.scene.terrain import ground_height_m, terrain_mesh
 from orograph.scene.vehicles import Loop, rounded_loop
@@ -68,17 +71,22 @@ class Scene:
         return x, y, float(self.height_m(x, y)), yaw
 
 
-def build_scene(scenario: Scenario) -> Scene:
-    """Build all static geometry; raises ValueError naming the building or vehicle that makes no sense."""
-    buildings, loops = [], []
-    for i, building in enumerate(scenario.buildings):
-        try:
-            buildings.append(building_mesh(building, scenario.terrain))
-        except ValueError as error:
-            raise ValueError(f"buildings[{i}]: {error}") from error
+def build_scene(scenario: Scenario, stamp_ns: int = 0) -> Scene:
+    """Build all static geometry as it stands at a time; raises ValueError that names what never makes sense."""
+    meshes = {}
+    for name, thing in solids(scenario).items():
+        with _naming(name):
+            meshes[name] = building_mesh(thing, scenario.terrain)
+    loops = []
     for i, vehicle in enumerate(scenario.vehicles):
-        try:
+        with _naming(f"vehicles[{i}]"):
             loops.append(rounded_loop(vehicle.loop))
-        except ValueError as error:
-            raise ValueError(f"vehicles[{i}]: {error}") from error
-    return Scene(scenario, tuple(buildings), tuple(loops))
+    return Scene(scenario, tuple(meshes[name] for name in standing(scenario, stamp_ns)), tuple(loops))
+
+
+@contextmanager
+def _naming(place: str) -> Iterator[None]:
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{place}: {error}") from error

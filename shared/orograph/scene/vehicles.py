@@ -64,7 +64,7 @@ def rounded_loop(corners_m: tuple[PointM, ...]) -> Loop:
     It starts where the first corner's arc begins. Raises ValueError where two following corners coincide.
     """
     corners = np.array(corners_m, np.float64)
-    if (np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) < 1e-6).any():
+    if (np.hypot(*(corners - np.roll(corners, 1, axis=0)).T) < 1e-6).any():
         raise ValueError("two following corners of a loop coincide")
     triples = zip(np.roll(corners, 1, axis=0), corners, np.roll(corners, -1, axis=0), strict=True)
     path = np.array([pose for before, corner, after in triples for pose in _corner(before, corner, after)])

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
-from orograph.arrays import F64
-from orograph.geometry import rotation_from_quaternion
+from orograph.arrays import F64, U1
 from orograph.messages import Packed
 from orograph.scenario import Scenario
 
@@ -45,14 +45,36 @@ class Bodies:
         robots = len(poses) - len(self._vehicles_m)
         if robots != self._robots:
             self._robots, self._sizes_m = robots, np.vstack([np.tile(self._robot_m, (robots, 1)), self._vehicles_m])
-        sizes_m, positions_m = self._sizes_m, poses["position_m"]
-        near = ((positions_m - positions_m[own]) ** 2).sum(axis=1) <= (reach_m + sizes_m.sum(axis=1)) ** 2
-        near &= poses["present"] > 0
-        near[own] = False
-        seen = np.flatnonzero(near)
-        if not len(seen):
-            return NO_BOXES
-        R_map_body = np.stack([rotation_from_quaternion(q) for q in poses["quaternion_wxyz"][seen]])
-        half_m, clearance_m = sizes_m[seen, :3] / 2, sizes_m[seen, 3]
-        centres_m = positions_m[seen] + R_map_body[:, :, 2] * (clearance_m + half_m[:, 2])[:, None]
-        return Boxes(centres_m, half_m, np.ascontiguousarray(R_map_body.transpose(0, 2, 1)))
+        return Boxes(
+            *_boxes_near(poses["position_m"], poses["quaternion_wxyz"], poses["present"], self._sizes_m, own, reach_m)
+        )
+
+
+@njit(cache=True)
+def _boxes_near(
+    positions_m: F64, quaternions: F64, present: U1, sizes_m: F64, own: int, reach_m: float
+) -> tuple[F64, F64, F64]:
+    """Centres (k, 3), half sizes (k, 3), R_box_map (k, 3, 3) of boxes that stand on their clearance, sizes (n, 4)."""
+    count = 0
+    centres_m, half_m, R_box_map = (
+        np.empty(positions_m.shape),
+        np.empty(positions_m.shape),
+        np.empty((len(present), 3, 3)),
+    )
+    for i in range(positions_m.shape[0]):
+        away_m2 = 0.0
+        for axis in range(3):
+            away_m2 += (positions_m[i, axis] - positions_m[own, axis]) ** 2
+        length, width, height, clearance = sizes_m[i, 0], sizes_m[i, 1], sizes_m[i, 2], sizes_m[i, 3]
+        if i == own or not present[i] or away_m2 > (reach_m + length + width + height + clearance) ** 2:
+            continue
+        w, x, y, z = quaternions[i, 0], quaternions[i, 1], quaternions[i, 2], quaternions[i, 3]
+        R = R_box_map[count]
+        R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)
+        R[1, 0], R[1, 1], R[1, 2] = 2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)
+        R[2, 0], R[2, 1], R[2, 2] = 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
+        half_m[count, 0], half_m[count, 1], half_m[count, 2] = length / 2, width / 2, height / 2
+        for axis in range(3):
+            centres_m[count, axis] = positions_m[i, axis] + R[2, axis] * (clearance + height / 2)
+        count += 1
+    return centres_m[:count], half_m[:count], R_box_map[:count]

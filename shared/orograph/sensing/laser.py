@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import ndtri
 
 from orograph.arrays import F32, F64
 from orograph.geometry import ray_directions, rotation_from_quaternion
 from orograph.keys import robot_number
 from orograph.messages import RANGE_UNIT_M, Packed
-from orograph.randomness import stream
+from orograph.randomness import key
 from orograph.scenario import LaserSpec, Scenario
 from orograph.scene import Scene
 from orograph.sensing.bodies import Bodies, Boxes
@@ -35,21 +34,20 @@ class RangeImager:
 
     def __init__(self, scene: Scene, laser: LaserSpec) -> None:
         self.directions = ray_directions(laser)
-        self._rays = np.ascontiguousarray(self.directions.reshape(-1, 3))
+        self._rays = np.ascontiguousarray(self.directions.reshape(-1, 3).T)
         self._laser = laser
         self._caster = RayCaster(scene, laser.range_max_m)
         self._noise_m = _noise_quantiles(laser.noise_m)
         self._last_unit = math.ceil(laser.range_max_m / RANGE_UNIT_M) - 1  # strictly below range_max_m in float32 too
 
-    def image(self, R_map_robot: F64, position_m: F64, boxes: Boxes, draws: npt.NDArray[np.uint16]) -> Packed:
-        """Range image (rings, columns) u2 in RANGE_UNIT_M, 0 = no return, by `draws` (2, rings * columns)."""
+    def image(self, R_map_robot: F64, position_m: F64, boxes: Boxes, noise: np.uint64) -> Packed:
+        """Range image (rings, columns) u2 in RANGE_UNIT_M, 0 = no return; `noise` (64 bits) decides its draws."""
         laser = self._laser
         eye_m = laser_position_m(laser, R_map_robot, position_m)
-        distances_m, places = self._caster.distances(eye_m, R_map_robot, self._rays, boxes)
+        distances_m = self._caster.distances(eye_m, R_map_robot, self._rays, boxes)
         ranges = range_image(
             distances_m,
-            places,
-            draws,
+            noise,
             self._noise_m,
             laser.dropout,
             laser.range_min_m,
@@ -72,13 +70,10 @@ class Laser:
 
         `poses` (n,) POSE: robots by number, then vehicles. The robot's own body is not seen.
         """
-        laser, own = self._scenario.laser, self._own
+        own = self._own
         if own >= len(poses) - len(self._scenario.vehicles) or not poses["present"][own]:
             return None
         R_map_robot = rotation_from_quaternion(poses["quaternion_wxyz"][own])
-        boxes = self._bodies.boxes(poses, own, laser.range_max_m)
-        random = stream(seed, "laser", self._robot, "noise", frame=frame)
-        rays = laser.rings * laser.columns
-        words = random.bit_generator.random_raw((rays + 1) // 2)  # four draws each, in the same order on every host
-        draws = words.astype("<u8").view("<u2")[: 2 * rays].reshape(2, rays)
-        return self._camera.image(R_map_robot, poses["position_m"][own], boxes, draws)
+        boxes = self._bodies.boxes(poses, own, self._scenario.laser.range_max_m)
+        noise = key(seed, "laser", self._robot, "noise", frame=frame)
+        return self._camera.image(R_map_robot, poses["position_m"][own], boxes, noise)

@@ -1,98 +1,97 @@
-"""Compiled loops of the laser: arranging rays, boxes against rays, and making a range image of distances."""
+"""Compiled loops of the laser: turning rays, boxes against rays, and making a range image of distances."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from orograph.arrays import F32, F64, I32
+from orograph.arrays import F32, F64
+
+BLOCK = 480
+"""Rays that draw together, so that their words stay near the core."""
 
 
-@njit(cache=True)
-def split_by_slope(
-    directions: F32, rotation: F64, steepest: float, origin: F64, rays: F32, origins: F32, places: I32
-) -> int:
-    """Set `rays` (n, 3) to unit directions turned by (3, 3), each with its `origins` row and place in `directions`.
-
-    Rays that rise more steeply than `steepest` [m/m] come last; returns how many come first. Plain sums: the same bits
-    on every host, unlike BLAS.
-    """
-    first, last = np.uint64(0), np.uint64(directions.shape[0])
-    for i in range(directions.shape[0]):
-        a, b, c = np.float64(directions[i, 0]), np.float64(directions[i, 1]), np.float64(directions[i, 2])
-        x = rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * c
-        y = rotation[1, 0] * a + rotation[1, 1] * b + rotation[1, 2] * c
-        z = rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * c
-        if z > 0 and z * z > steepest * steepest * (x * x + y * y):
-            last -= np.uint64(1)
-            k = last
-        else:
-            k = first
-            first += np.uint64(1)
-        rays[k, 0], rays[k, 1], rays[k, 2] = x, y, z
-        origins[i, 0], origins[i, 1], origins[i, 2] = origin[0], origin[1], origin[2]
-        places[k] = i
-    return int(first)
+@njit(cache=True, error_model="numpy")
+def turn(directions: F32, rotation: F64, rays: F32) -> None:
+    """Set `rays` (3, n) to unit directions (3, n) turned by (3, 3). Plain sums: the same bits on every host."""
+    for i in range(directions.shape[1]):
+        a, b, c = np.float64(directions[0, i]), np.float64(directions[1, i]), np.float64(directions[2, i])
+        rays[0, i] = rotation[0, 0] * a + rotation[0, 1] * b + rotation[0, 2] * c
+        rays[1, i] = rotation[1, 0] * a + rotation[1, 1] * b + rotation[1, 2] * c
+        rays[2, i] = rotation[2, 0] * a + rotation[2, 1] * b + rotation[2, 2] * c
 
 
-@njit(cache=True)
-def nearest_box_hits(rays: F32, distances_m: F32, centres_m: F64, half_m: F64, R_box_map: F64) -> None:
-    """Shorten `distances_m` (n,) in place to where rays (n, 3) from the origin enter boxes (slab method).
+@njit(cache=True, error_model="numpy")
+def meet_boxes(rays: F32, offsets_m: F64, half_m: F64, R_box_map: F64, reach_m: float, away_m: F64) -> None:
+    """Shorten `away_m` (n,) in place to where rays (3, n) from the origin enter boxes (slab method).
 
-    Boxes: centres (k, 3) relative to the rays' origin, half sizes (k, 3), R_box_map (k, 3, 3). A box that holds the
+    Boxes: centres (k, 3) relative to the rays' origin, half sizes (k, 3), R_box_map (k, 3, 3). One that holds the
     origin is met where the ray leaves it.
     """
-    for k in range(centres_m.shape[0]):
-        cx, cy, cz = centres_m[k]
-        outside = cx * cx + cy * cy + cz * cz - np.sum(half_m[k] ** 2)
-        for i in range(rays.shape[0]):
-            x, y, z = np.float64(rays[i, 0]), np.float64(rays[i, 1]), np.float64(rays[i, 2])
-            along = x * cx + y * cy + z * cz
-            if outside > 0 and (along <= 0 or along * along < outside):
-                continue  # passes beside the box's bounding sphere
+    count = rays.shape[1]
+    near = np.empty(count, np.bool_)
+    for k in range(offsets_m.shape[0]):
+        cx, cy, cz = offsets_m[k, 0], offsets_m[k, 1], offsets_m[k, 2]
+        outside = cx * cx + cy * cy + cz * cz
+        for axis in range(3):
+            outside -= half_m[k, axis] * half_m[k, axis]
+        for i in range(count):  # all others pass beside the box's bounding sphere
+            along = rays[0, i] * cx + rays[1, i] * cy + rays[2, i] * cz
+            near[i] = (outside <= 0) | ((along > 0) & (along * along >= outside))
+        for i in range(count):
+            if not near[i]:
+                continue
             enter, leave = -np.inf, np.inf
             for axis in range(3):
-                r = R_box_map[k, axis]
-                speed = r[0] * x + r[1] * y + r[2] * z
-                centre = r[0] * cx + r[1] * cy + r[2] * cz
+                a, b, c = R_box_map[k, axis, 0], R_box_map[k, axis, 1], R_box_map[k, axis, 2]
+                speed = a * rays[0, i] + b * rays[1, i] + c * rays[2, i]
+                centre = a * cx + b * cy + c * cz
                 if speed == 0.0:
-                    if abs(centre) > half_m[k, axis]:
-                        enter = np.inf
+                    enter = np.inf if abs(centre) > half_m[k, axis] else enter
                     continue
                 one, other = (centre - half_m[k, axis]) / speed, (centre + half_m[k, axis]) / speed
                 enter, leave = max(enter, min(one, other)), min(leave, max(one, other))
             met = enter if enter > 0 else leave
-            if enter <= leave and 0 < met < distances_m[i]:
-                distances_m[i] = met
+            if enter <= leave and 0 < met < min(away_m[i], reach_m):
+                away_m[i] = met
 
 
-@njit(cache=True)
-def drop_beyond(distances_m: F32, reach_m: float) -> None:
-    """Set distances (n,) that are not below the reach to infinity, in place."""
-    end = np.float32(reach_m)
-    for i in range(distances_m.shape[0]):
-        distances_m[i] = distances_m[i] if distances_m[i] < end else np.float32(np.inf)
-
-
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def range_image(
-    distances_m: F32, places: I32, draws: npt.NDArray[np.uint16], noise_m: F32, dropout: float, range_min_m: float,
-    last_unit: int, units_per_m: float,
-) -> npt.NDArray[Any]:  # fmt: skip
-    """Ranges (n,) u2 in steps, 0 = no return; ray i's distance goes to place `places[i]`.
+    distances_m: F64,
+    key: np.uint64,
+    noise_m: F32,
+    dropout: float,
+    range_min_m: float,
+    last_unit: int,
+    units_per_m: float,
+) -> npt.NDArray[np.uint16]:
+    """Ranges (n,) u2 in steps, 0 = no return, of distances (n,) [m]; nothing returns nearer or farther than the limits.
 
-    `draws` (2, n) are even over the 65 536 values of a u2: the first picks the ray's noise from `noise_m` (4096,),
-    the second drops it if below `dropout` of them. Nothing returns below `range_min_m` or beyond `last_unit` steps.
+    Each ray has a word of `_draw`: its highest 12 bits pick the noise from `noise_m` (4096,), its lowest 16 drop the
+    ray if below `dropout` of their values.
     """
-    dropped_below = dropout * 65536
-    out = np.empty(distances_m.shape[0], np.uint16)
-    for i in range(distances_m.shape[0]):  # without a branch, for noise makes near ends hard to guess
-        place = np.uint32(places[i])
-        measured_m = np.float64(distances_m[i]) + np.float64(noise_m[draws[0, place] >> 4])
-        unit = np.floor(measured_m * units_per_m + 0.5)
-        returns = (measured_m >= range_min_m) & (unit >= 1) & (unit <= last_unit) & (draws[1, place] >= dropped_below)
-        out[place] = np.uint16(np.int32(unit if returns else 0.0))
+    count, dropped_below = distances_m.shape[0], np.uint64(dropout * 65536)
+    out, words, measured_m = np.empty(count, np.uint16), np.empty(BLOCK, np.uint64), np.empty(BLOCK)
+    for begin in range(0, count, BLOCK):
+        size = min(BLOCK, count - begin)
+        _draw(key, begin, words)
+        for i in range(size):  # each loop on its own, and no branch: so they run in vector registers
+            measured_m[i] = distances_m[begin + i] + noise_m[words[i] >> np.uint64(52)]
+        for i in range(size):
+            unit = measured_m[i] * units_per_m + 0.5
+            kept = (words[i] & np.uint64(0xFFFF)) >= dropped_below
+            returns = kept & (measured_m[i] >= range_min_m) & (unit >= 1) & (unit < last_unit + 1.0)
+            out[begin + i] = np.uint16(np.int32(unit if returns else 0.0))
     return out
+
+
+@njit(cache=True, error_model="numpy")
+def _draw(key: np.uint64, begin: int, words: npt.NDArray[np.uint64]) -> None:
+    """Set random words (n,): SplitMix64's (Steele et al. 2014) from number `begin` on, which wait for no other."""
+    for i in range(words.shape[0]):
+        word = key + np.uint64(begin + i + 1) * np.uint64(0x9E3779B97F4A7C15)
+        word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        word = (word ^ (word >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        words[i] = word ^ (word >> np.uint64(31))

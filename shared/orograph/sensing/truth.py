@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
-from embreex.rtcore import EmbreeDevice
 
 from orograph.arrays import F32, F64, Mask
 from orograph.grid import Grid
@@ -17,25 +17,26 @@ from orograph.scene.mesh import joined
 from orograph.scene.prior import COVERED
 from orograph.scene.terrain import ground_gradient
 from orograph.sensing.bodies import NO_BOXES
-from orograph.sensing.casting import embree_scene, nearest_hits
+from orograph.sensing.embree import LANES, Device, Solid
 from orograph.sensing.laser import RangeImager, laser_position_m
 
 
 def _heights_from_above(scene: Scene, grid: Grid) -> tuple[F64, Mask]:
     """Top surface [m] under each cell's centre and whether a building makes it, both (rows, cols)."""
     ground, buildings = scene.meshes_in(grid.extent_m)
-    x0, y0, x1, y1 = grid.extent_m
-    above_m = joined([ground, buildings]).vertices[:, 2].max() + 1.0
-    centre_m = np.array([(x0 + x1) / 2, (y0 + y1) / 2, above_m])
-    x, y = np.meshgrid(*grid.centres_m())
-    origins = (np.stack([x, y, np.full_like(x, above_m)], axis=-1).reshape(-1, 3) - centre_m).astype(np.float32)
-    down = np.tile(np.array([0, 0, -1], np.float32), (grid.size, 1))
-    depth = np.full(grid.size, np.inf, np.float32)
-    nearest_hits(embree_scene(EmbreeDevice(), ground, centre_m), origins, down, depth)
-    to_ground = depth.copy()
-    nearest_hits(embree_scene(EmbreeDevice(), buildings, centre_m), origins, down, depth)
-    height = np.where(np.isinf(depth), np.nan, above_m - depth.astype(np.float64))
-    return height.reshape(grid.shape), (depth < to_ground).reshape(grid.shape)
+    mesh = joined([ground, buildings])
+    above_m, below_m = mesh.vertices[:, 2].max() + 1.0, mesh.vertices[:, 2].min() - 1.0
+    x, y = grid.centres_m()
+    solid = Solid(Device(), mesh, np.array([x[0], y[0], above_m]))
+    width = len(x) + -len(x) % LANES
+    origins, down = np.zeros((3, width)), np.repeat(np.array([[0], [0], [-1]], np.float32), width, axis=1)
+    origins[0, : len(x)] = x - x[0]
+    depth, face = np.empty((len(y), width)), np.empty((len(y), width), np.int32)
+    for row, y_m in enumerate(y):
+        origins[1] = y_m - y[0]
+        solid.meet(origins, down, above_m - below_m, face[row], depth[row])
+    depth, face = depth[:, : len(x)], face[:, : len(x)]
+    return np.where(face < 0, np.nan, above_m - depth), face >= len(ground.faces)
 
 
 def _block_mean(values: F64, factor: int) -> F64:
@@ -64,7 +65,7 @@ def standing(scene: Scene, x_m: float, y_m: float, yaw_rad: float) -> tuple[F64,
     up = np.array([-gradient_x, -gradient_y, 1.0]) / np.sqrt(1 + gradient_x**2 + gradient_y**2)
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
     ahead = np.array([c, s, gradient_x * c + gradient_y * s])
-    ahead /= np.linalg.norm(ahead)
+    ahead /= math.hypot(*ahead)
     R_map_robot = np.stack([ahead, np.cross(up, ahead), up], axis=1)
     return R_map_robot, np.array([x_m, y_m, float(scene.height_m(x_m, y_m))])
 
@@ -79,9 +80,8 @@ def dense_scans(scene: Scene, poses: npt.ArrayLike, density: int = 2) -> Iterato
     size = {"rings": spec.rings * density, "columns": spec.columns * density}
     laser = spec.model_copy(update={**size, "noise_m": 0.0, "dropout": 0.0})
     camera = RangeImager(scene, laser)
-    no_draws = np.zeros((2, laser.rings * laser.columns), np.uint16)
     for x_m, y_m, yaw_rad in np.asarray(poses, np.float64).reshape(-1, 3):
         R_map_robot, position_m = standing(scene, x_m, y_m, yaw_rad)
-        ranges = camera.image(R_map_robot, position_m, NO_BOXES, no_draws)
+        ranges = camera.image(R_map_robot, position_m, NO_BOXES, np.uint64(0))
         eye_m = laser_position_m(laser, R_map_robot, position_m)
         yield *points_from_ranges(ranges, camera.directions, R_map_robot, eye_m), position_m

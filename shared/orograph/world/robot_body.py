@@ -89,7 +89,7 @@ def _of_points(masses_kg: Sequence[float], places_m: Sequence[F64]) -> F64:
     """Moment of inertia (3, 3) of point masses about the origin."""
     total = np.zeros((3, 3))
     for mass_kg, place_m in zip(masses_kg, places_m, strict=True):
-        total += mass_kg * ((place_m @ place_m) * np.eye(3) - np.outer(place_m, place_m))
+        total += mass_kg * ((place_m * place_m).sum() * np.eye(3) - np.outer(place_m, place_m))
     return total
 
 

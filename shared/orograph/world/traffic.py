@@ -60,7 +60,7 @@ class Lane:
             return math.inf
         ahead_m = np.arange(nose_m, min(reach_m, self._length_m - nose_m), self._step_m)
         rows = np.rint((self.distance_m + ahead_m) / self._step_m).astype(np.int64) % len(self._table_m)
-        away_m = np.linalg.norm(self._table_m[rows][:, None, :] - discs_m[None, :, :2], axis=2)
+        away_m = np.hypot(*(self._table_m[rows][:, None, :] - discs_m[None, :, :2]).T).T
         blocked = (away_m < discs_m[:, 2] + self._half_lane_m).any(axis=1)
         return float(ahead_m[np.argmax(blocked)] - nose_m) if blocked.any() else math.inf
 

@@ -36,7 +36,7 @@ class VehicleBody:
     def move(self, R_map_vehicle: F64, position_m: F64, duration_s: float) -> None:
         """Set the speed that brings it there within a time, from where it was placed or moved to last."""
         self.place(self.R, self.position_m)
-        turn_rad = np.array(roll_pitch_yaw(R_map_vehicle @ self.R.T))
+        turn_rad = np.array(roll_pitch_yaw(np.einsum("ij,kj->ik", R_map_vehicle, self.R)))
         path_m = position_m - self.position_m
         self.skeleton.setCommands(np.concatenate([turn_rad, path_m]) / duration_s)
         self.R, self.position_m = R_map_vehicle, position_m

@@ -14,6 +14,7 @@ from orograph.keys import robot_number
 from orograph.messages import POSE, Packed
 from orograph.scenario import Scenario
 from orograph.scene import build_scene
+from orograph.scene.changes import epoch
 from orograph.world.ground import ground_skeleton, standing_rotation
 from orograph.world.motors import Motors, odometry
 from orograph.world.robot_body import RobotBody
@@ -42,7 +43,7 @@ class World:
         self.scenario, self.robots, self.stamp_ns = scenario, tuple(robots), 0
         self.scene = build_scene(scenario)
         self.present: dict[str, bool] = dict.fromkeys(self.robots, False)
-        self._ground = ground_skeleton(self.scene.mesh)
+        self._epoch, self._ground = epoch(scenario, 0), ground_skeleton(self.scene.mesh)
         self._physics = _new_physics(len(self.robots) + len(scenario.vehicles))
         self._physics.addSkeleton(self._ground)
         self._motors = Motors(scenario.robot, len(self.robots))
@@ -61,6 +62,7 @@ class World:
     def advance(self, drives: Mapping[str, tuple[float, float]], duration_ns: int) -> None:
         """Let whole 5 ms steps pass; `drives` holds (speed, yaw rate) in m/s, rad/s; a robot without one stops."""
         assert duration_ns > 0 and duration_ns % STEP_NS == 0, duration_ns
+        self._follow_changes()
         for i, robot in enumerate(self.robots):
             self._motors.want(i, *(drives.get(robot, STOP) if self.present[robot] else STOP))
         self._send_vehicles_on(duration_ns / 1e9)
@@ -111,7 +113,7 @@ class World:
 
     def speed_mps(self, robot: str) -> float:
         """Speed along the robot's own x axis, now."""
-        return float(self.rotation(robot)[:, 0] @ self._bodies[robot].velocity_mps())
+        return float((self.rotation(robot)[:, 0] * self._bodies[robot].velocity_mps()).sum())
 
     def wheel_odometry(self, robot: str) -> tuple[float, float]:
         """(speed [m/s], yaw rate [rad/s]) that the wheels turned on average in the last `advance`, slip unseen."""
@@ -151,9 +153,24 @@ class World:
         body = VehicleBody(f"vehicle_{index:03d}", lane.vehicle)
         body.place(*self._standing(lane))
         self._physics.addSkeleton(body.skeleton)
+        self._spare_ground(body)
+        return body
+
+    def _spare_ground(self, body: VehicleBody) -> None:
+        """A vehicle is moved along the ground and does not collide with it."""
         unhurt = self._physics.getConstraintSolver().getCollisionOption().collisionFilter
         unhurt.addBodyNodePairToBlackList(body.node, self._ground.getBodyNode(0))
-        return body
+
+    def _follow_changes(self) -> None:
+        """Bring what stands up to date, as one new mesh."""
+        if (now := epoch(self.scenario, self.stamp_ns)) == self._epoch:
+            return
+        self._epoch, self.scene = now, build_scene(self.scenario, self.stamp_ns)
+        self._physics.removeSkeleton(self._ground)
+        self._ground = ground_skeleton(self.scene.mesh)
+        self._physics.addSkeleton(self._ground)
+        for body in self._vehicles:
+            self._spare_ground(body)
 
     def _standing(self, lane: Lane) -> tuple[F64, F64]:
         x, y, z, yaw = lane.pose()

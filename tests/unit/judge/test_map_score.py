@@ -26,7 +26,8 @@ def truth(steep: tuple[int, int] = (5, 5)) -> MapTruth:
     roof[2:4, 2:4] = True
     near[1:5, 1:5] = True
     hard[steep] = True
-    return MapTruth(GRID, ground_m, np.where(roof, ground_m + 8.0, np.nan), roof, hard, near & ~roof)
+    top_m, surface_m = (np.where(roof, ground_m + 8.0, below) for below in (np.nan, ground_m))
+    return MapTruth(GRID, ground_m, top_m, surface_m, roof, hard, near & ~roof)
 
 
 def perfect() -> CellMap:
@@ -170,7 +171,7 @@ def test_of_two_layers_the_top_counts_on_roofs_with_its_own_confidence():
     assert top_m(cells)[2, 2] == true.ground_m[2, 2] and top_m(cells)[3, 3] == true.top_m[3, 3]
     records = judged(cells, true, EVERYWHERE)
     assert sorted(records["error_m"][records["roof"]].tolist()) == [-8.0, 0.0, 0.0, 0.0]
-    assert set(records["confidence"][records["roof"]]) == {70.0}
-    assert confident(cells, true).all()
-    cells.confidence_top[2, 2] = 0.0
-    assert not confident(cells, true)[2, 2] and confident(cells, true).sum() == 35
+    # Where no top is known the map holds that its ground is all there is, and that confidence counts.
+    assert sorted(records["confidence"][records["roof"]].tolist()) == [70.0, 70.0, 70.0, 200.0]
+    cells.confidence_top[3, 3] = 10.0
+    assert not confident(cells, true)[3, 3] and confident(cells, true).sum() == 35

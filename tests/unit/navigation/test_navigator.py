@@ -196,7 +196,7 @@ def test_a_status_is_sent_every_second_and_at_a_waypoint():
     node = NavigatorNode(scenario_of([(12.5, 13)]), "robot_001", 1)
     sent = {k: step(node, k, still(k - 1), *((mission(1, 0), *maps(k)) if k == 15 else ()))[0] for k in range(1, 40)}
     at = [k for k, messages in sent.items() if any(isinstance(m, RobotStatus) for _, _, m in messages)]
-    assert at == [1, 11, 15, 25, 35]
+    assert at == [1, 10, 15, 20, 30]
     status = next(m for _, _, m in sent[15] if isinstance(m, RobotStatus))
     assert (status.mission, status.visited.tolist(), status.state) == (1, [0], "done")
 

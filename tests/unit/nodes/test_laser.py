@@ -51,3 +51,14 @@ def test_keeps_the_last_scan_and_its_true_pose(flat_world, poses_at):
     assert kept["last_stamp_ns"] == 400
     assert scan.ranges[4, 0] * RANGE_UNIT_M == pytest.approx(20 / np.cos(np.radians(25 / 7)), abs=0.0011)
     assert node.telemetry() == {"scans": 1.0, "hits_fraction": np.count_nonzero(scan.ranges) / scan.ranges.size}
+
+
+def test_sees_what_is_built_from_its_time_on(flat_world, poses_at):
+    wall = {"footprint": [[120, 50], [125, 50], [125, 150], [120, 150]], "height_m": 10}
+    scenario = flat_world(changes=[{"at_s": 2.0, "until_s": 3.0, "build": wall}], robots=2)
+    node = LaserNode(scenario, "robot_002", 1, ROBOTS)
+    ahead = []
+    for frame in (19, 20, 29, 30):
+        [(_, _, scan)] = step(node, frame, Bodies(frame * 10**8, poses_at(None, (100, 100, 0, 0))))
+        ahead.append(int(scan.ranges[-1, 0]))  # its highest ring
+    assert [hit > 0 for hit in ahead] == [False, True, True, False]

@@ -175,27 +175,6 @@ def test_a_restarted_robot_takes_its_row_over():
     assert not fallen, f"invariant 10: (cell, before, after) {fallen}"
 
 
-@pytest.mark.parametrize("phase", ["mapping", "flush"])
-def test_a_manager_without_its_disk_gets_everything_again(phase):
-    round_ = Round()
-    round_.run(60)
-    if phase == "flush":
-        round_.flush()
-        assert of(MappingStatus, round_.sent)[-1].flushed
-    round_.manager = MapManagerNode(SCENARIO, (ROBOT,), MemoryStore(), draw=1_000)
-    round_.run(60, scans=phase == "mapping")
-    assert round_.notes.count("store-lost") == 1 and round_.notes.count("hello") >= 2
-    round_.notes.clear()
-    round_.flush()
-    robot, manager = round_.node.artifacts(), round_.manager.artifacts()
-    assert len(robot["registers"]) > 10
-    for name in ("cell", "tick", "height", "gradient_x", "gradient_y", "occupation", "confidence"):
-        np.testing.assert_array_equal(robot["registers"][name], manager["registers"][name])
-    for name in ("cell", "height", "gradient_x", "gradient_y", "occupation", "confidence"):
-        np.testing.assert_array_equal(robot["copy"][name], manager["glrm"][name])
-    assert of(MappingStatus, round_.sent)[-1].flushed
-
-
 def test_planning_hears_the_global_map_at_once_and_the_local_one_after_each_scan():
     round_ = Round()
     maps = of(OccupancyGrid, round_.run(1, scans=False))

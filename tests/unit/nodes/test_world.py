@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from orograph.messages import Bodies, Drive, Envelope, Frame, Message, RunEnd, Sensors
 from orograph.nodes.world import WorldNode
-from orograph.scenario import Area, GivenLayer, Scenario, Start
+from orograph.scenario import Area, Building, Change, GivenLayer, Parked, Scenario, Start
 
 Make = Callable[..., Scenario]
 FRAME_NS = 100_000_000
@@ -142,3 +142,14 @@ def test_artifacts_have_a_row_per_frame(scenario_of: Make) -> None:
         bench.step()
     truth = bench.node.artifacts()["robot_001_truth"]
     assert truth.shape == (5, 6) and list(truth[:, 0]) == [k * FRAME_NS for k in range(5)]
+
+
+def test_what_is_built_and_pulled_down_is_noted(scenario_of: Make) -> None:
+    wall = Building(footprint=((60, 40), (62, 40), (62, 60), (60, 60)), height_m=3)
+    changes = (Change(at_s=0, until_s=0.2, park=Parked(x_m=80, y_m=50)), Change(at_s=0.1, build=wall))
+    bench = Bench(WorldNode(scenario_of(changes=changes), ("robot_001",), 1))
+    for _ in range(4):
+        bench.step()
+    assert [(kind, fields["change"], fields["what"]) for kind, fields in bench.notes] == [
+        ("scene-changed", 0, "parked"), ("scene-changed", 1, "built"), ("scene-changed", 0, "left"),
+    ]  # fmt: skip

@@ -11,7 +11,8 @@ from orograph import keys
 from orograph.comms import wire
 from orograph.comms.bus import Bus
 from orograph.comms.mailbox import Mailbox
-from orograph.messages import Drive, Frame, Message
+from orograph.fields import kinds_of
+from orograph.messages import Frame, Message, Sensors
 from orograph.nodes.navigator import NavigatorNode
 from orograph.runtime.host import NodeHost
 from orograph.scenario import Scenario
@@ -55,8 +56,8 @@ def test_losses_are_told_in_the_frame_that_finds_them(bus: Unplugged, host: Node
     (piece,) = wire.fragments(0, 0, b"not msgpack")
     bus.mailbox.add(keys.message_key(keys.SIM, NAME, "Sensors", keys.WORLD), piece)
     assert step(1) == 1
-    (piece,) = wire.fragments(1, 0, wire.encode(Drive(0, 0.0, 0.0)))
-    bus.mailbox.add(keys.message_key(keys.SIM, NAME, "Drive", keys.WORLD), piece)
+    (piece,) = wire.fragments(1, 0, wire.encode(Sensors(0, 0, *[0.0] * (len(kinds_of(Sensors)) - 2))))
+    bus.mailbox.add(keys.message_key(keys.SIM, NAME, "Sensors", keys.WORLD), piece)
     assert step(2) == 0
 
 

@@ -149,7 +149,7 @@ def test_reasons_are_shown_before_they_happen() -> None:
     figures.show({"map-manager": {}}, {"lost": 0.0})
     exported = samples(figures)
     source = inspect.getsource(wire) + inspect.getsource(fields)
-    reasons = set(re.findall(r'(?:Rejected\(|_require\(.*, )"(\w+)"', source))
+    reasons = set(re.findall(r'(?:Rejected\(|_require\(.*?, )"(\w+)"', source))
     assert {"crc", "range", "shape"} <= reasons
     for reason in reasons:
         assert exported["orograph_mailbox_rejected_messages_total", (("reason", reason),)] == 0
@@ -248,7 +248,9 @@ def test_a_row_has_one_label_of_its_own() -> None:
 
 def test_counters_of_a_process_are_there_before_they_count() -> None:
     bus, scenario = Bus({}), load_scenario("scenarios/tiny")
-    figures = metrics.process_figures(1_500_000_000, scenario, ["laser/robot_001", "laser/robot_002"], Mailbox(), bus)
+    figures = metrics.process_figures(
+        1_500_000_000, scenario, ["laser/robot_001", "laser/robot_002"], Mailbox(scenario.robot_ids), bus
+    )
     assert figures["simulation_s"] == 1.5 and figures["robots_held"] == 2
     assert (figures["lost"], figures["overflowed"], figures["skipped"]) == (0, 0, 0)
     told = Figures()
@@ -259,7 +261,7 @@ def test_counters_of_a_process_are_there_before_they_count() -> None:
 
 
 def test_bytes_are_summed_by_plane_and_refusals_counted() -> None:
-    bus, mailbox = Bus({}), Mailbox()
+    bus, mailbox = Bus({}), Mailbox(["robot_001"])
     bus.bytes_sent.update({("radio", "map-manager", "a"): 5, ("radio", "x", "b"): 7, ("sim", "world", "a"): 11})
     mailbox.add("og/radio/nonsense", b"")
     mailbox.add("og/radio/map-manager/-/Batch/robot-mapping/robot_001", b"short")

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from orograph import keys
-from orograph.messages import Envelope, Phase
+from orograph.messages import Digest, Envelope, Fenced, Hello, ManagerStatus, Message, Scan
 from orograph.runtime.network import CUT, Network, Spell, Weather
 from orograph.scenario import RadioSpec, Scenario, Start
 
@@ -17,6 +18,14 @@ ONE, TWO = MAPPERS
 ALL, MANAGER, ORCHESTRATOR = keys.group(keys.MAPPING), keys.MANAGER, keys.ORCHESTRATOR
 NAMES = [MANAGER, ORCHESTRATOR, *MAPPERS]
 LONG = 10_000
+HELLO, FENCED = Hello(bytes(16)), Fenced(1)
+SAYS: dict[tuple[str, str], Message] = {
+    (MANAGER, ALL): Digest(1, 1, np.zeros((1, 16), "u1")),
+    (MANAGER, ORCHESTRATOR): ManagerStatus(0, 1, bytes(16), 0),
+    **{(MANAGER, robot): FENCED for robot in MAPPERS},
+    **{(robot, MANAGER): HELLO for robot in MAPPERS},
+}
+LASER, OVER_WIRE = keys.node(keys.LASER, "robot_001"), Scan(0, np.zeros((1, 8), "<u2"))
 CHANCES = st.floats(0, 1)
 WEATHERS = st.builds(
     Weather, loss=CHANCES, duplication=CHANCES, delay=CHANCES, delay_frames_max=st.integers(1, 9), reordering=CHANCES
@@ -25,14 +34,15 @@ WEATHERS = st.builds(
 
 def network(*forecast: Spell, seed: int = 1, loss: float = 0.0, up: dict[str, bool] | None = None) -> Network:
     scenario = Scenario(
-        name="flat", title="flat", starts=(Start(x_m=5, y_m=5),), base_station_m=(5, 5), patrol=((20.0, 20.0),),
-        robots=1, seed=seed, radio=RadioSpec(loss=loss),
+        name="flat", title="flat", starts=(Start(x_m=5, y_m=5), Start(x_m=15, y_m=5)), base_station_m=(5, 5),
+        patrol=((20.0, 20.0),), robots=2, seed=seed, radio=RadioSpec(loss=loss),
     )  # fmt: skip
     return Network(scenario, NAMES, lambda: up or {}, forecast, lambda message: 10)
 
 
 def envelope(frame: int, sender: str, to: str, index: int = 0, plane: str = keys.RADIO) -> Envelope:
-    return Envelope(plane, to, sender, frame, index, Phase("mapping"))
+    message = OVER_WIRE if plane == keys.SIM else SAYS[sender, to]
+    return Envelope(plane, to, sender, frame, index, message)
 
 
 def carry_for(frames: int, net: Network, sender: str = ONE, to: str = MANAGER, each: int = 1) -> list[list[Envelope]]:
@@ -57,14 +67,24 @@ def test_in_calm_weather_everything_comes_in_the_next_frame_once_and_in_order():
 
 def test_a_message_to_nobody_is_nobodys():
     net = network()
-    net.carry(0, [envelope(0, MANAGER, keys.node(keys.MAPPING, "robot_009"))])
+    net.carry(0, [Envelope(keys.RADIO, keys.node(keys.MAPPING, "robot_009"), MANAGER, 0, 0, FENCED)])
     assert net.last_due() == -1
+
+
+def test_what_comes_along_no_route_of_its_kind_is_refused_and_counted():
+    net = network()
+    stranger = keys.node(keys.MAPPING, "robot_009")
+    net.carry(0, [
+        Envelope(keys.RADIO, ONE, ORCHESTRATOR, 0, 0, FENCED), Envelope(keys.SIM, ONE, MANAGER, 0, 0, FENCED),
+        Envelope(keys.RADIO, ONE, MANAGER, 0, 0, HELLO), Envelope(keys.RADIO, MANAGER, stranger, 0, 0, HELLO),
+    ])  # fmt: skip
+    assert net.last_due() == -1 and net.refused == {"route": 3, "robot": 1} and not net.bytes_up
 
 
 def test_the_wires_know_no_weather():
     net = network(Spell(CUT, 0, LONG), loss=1.0, up={"robot_001": False})
-    net.carry(0, [envelope(0, ONE, TWO, plane=keys.SIM)])
-    assert len(net.arrived(TWO, 1)) == 1
+    net.carry(0, [envelope(0, LASER, ONE, plane=keys.SIM)])
+    assert len(net.arrived(ONE, 1)) == 1
 
 
 def test_a_robot_in_a_radio_shadow_neither_sends_nor_hears():
@@ -155,7 +175,7 @@ def test_whatever_the_weather_nothing_is_invented_or_early_and_a_seed_repeats(we
 def test_bytes_are_weighed_by_robot_before_anything_is_lost():
     net = network(Spell(CUT, 0, LONG))
     net.carry(0, [envelope(0, MANAGER, ALL), envelope(0, ONE, MANAGER), envelope(0, MANAGER, ORCHESTRATOR),
-                  envelope(0, ONE, TWO, plane=keys.SIM)])  # fmt: skip
+                  envelope(0, LASER, ONE, plane=keys.SIM)])  # fmt: skip
     assert net.bytes_up == {"robot_001": 10} and net.bytes_down == {"robot_001": 10, "robot_002": 10}
 
 

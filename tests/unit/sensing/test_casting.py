@@ -13,7 +13,7 @@ from orograph.scenario import Scenario
 from orograph.scene import Mesh, build_scene
 from orograph.sensing.bodies import NO_BOXES, Boxes
 from orograph.sensing.casting import TILE_M, RayCaster
-from orograph.sensing.ray_kernels import nearest_box_hits, split_by_slope
+from orograph.sensing.ray_kernels import meet_boxes
 
 REACH_M = 80.0
 SEEDS = st.integers(0, 2**32 - 1)
@@ -47,11 +47,7 @@ def nearest_hits(origin, rays, triangles):
 
 
 def cast(caster, origin, R, directions, boxes=NO_BOXES):
-    """Distances in the order of `directions`."""
-    nearest, places = caster.distances(origin, R, directions, boxes)
-    out = np.full(len(directions), np.nan, np.float32)
-    out[places] = nearest
-    return out
+    return caster.distances(origin, R, np.ascontiguousarray(directions.T), boxes).copy()
 
 
 def world(**fields) -> Scenario:
@@ -127,8 +123,9 @@ def test_boxes_as_their_twelve_triangles(seed, count):
     centres, half = draw.uniform(-6, 6, (count, 3)), draw.uniform(0.3, 5, (count, 3))  # some hold the origin
     turns = [rotation(*draw.uniform(-3, 3, 3)) for _ in range(count)]
     rays = directions_of(seed + 1, 60)
-    distances = np.full(len(rays), np.inf, np.float32)
-    nearest_box_hits(rays, distances, centres, half, np.ascontiguousarray(np.stack([R.T for R in turns])))
+    distances = np.full(len(rays), np.inf)
+    R_box_map = np.ascontiguousarray(np.stack([R.T for R in turns]))
+    meet_boxes(np.ascontiguousarray(rays.T), centres, half, R_box_map, REACH_M, distances)
     triangles = np.concatenate([box_triangles(*box) for box in zip(centres, half, turns, strict=True)])
     for ray, got, expected in zip(rays, distances, nearest_hits(np.zeros(3), rays, triangles), strict=True):
         if edge_distance(np.zeros(3), ray, triangles) > 1e-6:
@@ -138,9 +135,9 @@ def test_boxes_as_their_twelve_triangles(seed, count):
 def test_axis_aligned_rays_beside_and_through_a_box():
     box = np.array([[5.0, 0.0, 0.0]]), np.array([[1.0, 1.0, 1.0]]), np.eye(3)[None]
     rays = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
-    distances = np.full(4, REACH_M, np.float32)
-    nearest_box_hits(rays, distances, *box)
-    np.testing.assert_array_equal(distances, [4, REACH_M, REACH_M, REACH_M])
+    distances = np.full(4, np.inf)
+    meet_boxes(np.ascontiguousarray(rays.T), *box, REACH_M, distances)
+    np.testing.assert_array_equal(distances, [4, np.inf, np.inf, np.inf])
 
 
 def test_the_nearer_of_building_and_box_counts():
@@ -180,14 +177,3 @@ def test_what_a_ray_meets_does_not_depend_on_where_the_caster_was_before():
         origin = np.array([x, y, float(scene.height_m(x, y)) + 0.45])
         fresh = cast(RayCaster(scene, REACH_M), origin, np.eye(3), directions)
         np.testing.assert_array_equal(cast(travelled, origin, np.eye(3), directions), fresh)
-
-
-def test_arrange_turns_every_ray_once_and_puts_rising_ones_last():
-    directions, R = directions_of(3, 400), rotation(0.3, -0.2, 2.0)
-    rays, origins, places = np.empty_like(directions), np.empty_like(directions), np.empty(len(directions), np.int32)
-    first = split_by_slope(directions, R, 0.5, np.array([1.0, 2.0, 3.0]), rays, origins, places)
-    assert (origins == np.array([1.0, 2.0, 3.0], np.float32)).all()
-    assert sorted(places) == list(range(400))
-    np.testing.assert_allclose(rays, directions[places].astype(np.float64) @ R.T, atol=1e-7)
-    rising = rays[:, 2] > 0.5 * np.hypot(rays[:, 0], rays[:, 1])
-    np.testing.assert_array_equal(rising, np.arange(400) >= first)

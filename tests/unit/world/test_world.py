@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from orograph.geometry import roll_pitch_yaw, rotation_from_quaternion
-from orograph.scenario import Building, Scenario, Start, TerrainSpec, Vehicle, Wave
+from orograph.scenario import Building, Change, Scenario, Start, TerrainSpec, Vehicle, Wave
 from orograph.world import World
 from orograph.world.ground import ground_skeleton, standing_rotation
 
@@ -225,3 +225,17 @@ def test_same_drives_same_bits_in_any_process(scenario_of: Make) -> None:
         )  # fmt: skip
         here.append(done.stdout.strip())
     assert len(set(here)) == 1, here
+
+
+def test_what_is_built_stops_a_robot_and_what_is_pulled_down_lets_it_pass(scenario_of: Make) -> None:
+    wall = Building(footprint=((54, 40), (55, 40), (55, 60), (54, 60)), height_m=3)
+    car = Vehicle(loop=((20, 20), (80, 20), (80, 80), (20, 80)), speed_mps=3)
+    world = World(scenario_of(changes=(Change(at_s=0.5, until_s=4.0, build=wall),), vehicles=(car,)), (ROBOT,))
+    run(world, 4.0, {ROBOT: (2.0, 0.0)})
+    bumper_m = 0.5 * world.scenario.robot.size_m[0]
+    assert world.position_m(ROBOT)[0] + bumper_m == pytest.approx(54.0, abs=0.1)
+    driven = world.vehicle_poses()[0]
+    run(world, 3.0, {ROBOT: (2.0, 0.0)})
+    assert world.position_m(ROBOT)[0] > 56.0
+    assert world.position_m(ROBOT)[2] == pytest.approx(0.0, abs=0.03)
+    assert np.hypot(*(world.vehicle_poses()[0] - driven)[:2]) == pytest.approx(9.0, abs=0.5)
