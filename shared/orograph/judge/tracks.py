@@ -52,10 +52,10 @@ def _track(parts: RunParts, robot: str) -> Track | None:
 
 
 def _pose_error(parts: RunParts, robot: str, time_s: F64, position_m: F64) -> tuple[F64, F64]:
-    """Estimates compared at their own stamps, the truth interpolated between frames."""
+    """Estimates compared at the stamps that the truth has too: of a long run both keep some frames, never others."""
     estimate = parts.of(keys.NAVIGATOR, robot).get("trajectory")
     if estimate is None or not len(estimate):
         return np.zeros(0), np.zeros(0)
-    at = estimate[:, 0] / 1e9
-    x, y = (np.interp(at, time_s, position_m[:, i]) for i in (0, 1))
-    return at, np.hypot(estimate[:, 1] - x, estimate[:, 2] - y)
+    at_s = estimate[:, 0] / 1e9
+    _, ours, true = np.intersect1d(at_s, time_s, assume_unique=True, return_indices=True)
+    return at_s[ours], np.hypot(*(estimate[ours, 1:3] - position_m[true]).T)

@@ -12,7 +12,11 @@ from orograph import keys
 from orograph.messages import SECOND_NS, STATES, Drive, Envelope, Frame, Mission, OccupancyGrid, Pose, Sensors
 from orograph.navigation.navigator import Navigator
 from orograph.node import Every, Note, Send
+from orograph.nodes.history import History
 from orograph.scenario import Scenario
+
+HISTORY_BYTES = 2**21
+"""Of a trajectory: every frame of 72 minutes."""
 
 
 class NavigatorNode:
@@ -22,7 +26,7 @@ class NavigatorNode:
         self.name = keys.node(keys.NAVIGATOR, robot)
         self._mapping = keys.node(keys.MAPPING, robot)
         self._navigator = Navigator(scenario, robot)
-        self._trajectory: list[tuple[float, ...]] = []
+        self._trajectory = History(6, scenario.frame_ns, HISTORY_BYTES)
         self._beat = Every(SECOND_NS)
         self._visited = 0
 
@@ -47,7 +51,7 @@ class NavigatorNode:
         self._report(frame.stamp_ns, send)
 
     def _record(self, pose: Pose) -> None:
-        self._trajectory.append((pose.stamp_ns, pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad, pose.position_sigma_m))
+        self._trajectory.append(pose.stamp_ns, pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad, pose.position_sigma_m)
 
     def _report(self, now_ns: int, send: Send) -> None:
         """Every second, and at once when a waypoint was visited."""
@@ -61,6 +65,8 @@ class NavigatorNode:
         return {**self._navigator.telemetry(), "state": float(STATES.index(self._navigator.state))}
 
     def artifacts(self) -> Mapping[str, npt.NDArray[Any]]:
-        """`trajectory` (n, 6) float64: stamp_ns, x, y, z, yaw, one sigma of x, y; and the metres driven."""
-        trajectory = np.array(self._trajectory, np.float64).reshape(-1, 6)
-        return {"trajectory": trajectory, "driven_m": np.array(self._navigator.pose.moved_m)}
+        """`trajectory` (n, 6) float64: stamp_ns, x, y, z, yaw, one sigma of x, y; and the metres driven.
+
+        Of a run beyond an hour or so every second frame, then every fourth, ...
+        """
+        return {"trajectory": self._trajectory.rows(), "driven_m": np.array(self._navigator.pose.moved_m)}
