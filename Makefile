@@ -4,8 +4,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.current
 DEMO ?= scenarios/helsinki
+SEEDS ?= 1000
 
-.PHONY: help setup demo check test bench map-score cluster-bench study image up watch down logs fetch-run cluster-test chaos clean
+.PHONY: help setup demo check test storms bench map-score cluster-bench study image up watch down logs fetch-run cluster-test chaos clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -31,6 +32,9 @@ check: setup ## style, types, layering
 
 test: setup ## every test: units, protocol storms, processes over Zenoh
 	$(BIN)/pytest
+
+storms: setup ## seeded faults over the real services, on all cores: SEEDS=10000, or one of them again: SEED=17
+	PYTHONPATH=tests $(BIN)/python -m simnet.storms $(if $(SEED),--seed $(SEED),--seeds $(SEEDS))
 
 bench: setup ## the hot paths, as a table and a last JSON line
 	$(BIN)/python tests/bench/main.py

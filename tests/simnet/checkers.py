@@ -38,7 +38,8 @@ def copies_are_equal(history: History) -> list[str]:
 
 def registers_are_own_evidence(history: History) -> list[str]:
     assert history.registers is not None
-    return invariants.registers_are_own(history.registers, history.own)
+    idle = [f"3: robot {robot} has mapped nothing" for robot, own in history.own.items() if not len(own)]
+    return idle + invariants.registers_are_own(history.registers, history.own)
 
 
 def map_is_the_fold(history: History) -> list[str]:

@@ -38,7 +38,7 @@ from orograph.runtime.rounds import Rounds
 from simnet.history import Acked, Commit, History, Load, Sighting
 from simnet.machine import Machine, Sent, WatchedStore
 from simnet.plan import SCAN_FRAMES, STORM_FRAMES, Fault, Plan, plan_of
-from simnet.street import PRIOR, RULES, SCENARIO, SIZE, SMALL, Driver, mapped_alone, street_of
+from simnet.street import PRIOR, RULES, SCENARIO, SIZE, SMALL, Laser, Navigator, mapped_alone, street_of
 
 END_WITHIN_FRAMES = 400
 OVERHEARD_MAX = 400
@@ -79,8 +79,9 @@ class Storm:
         self._mappings = [self._mapping(robot) for robot in plan.robots]
         self._mappings += [self._mapping(keys.split(twin.name)[1], twin) for twin in plan.twins]
         self._scans_until = SCAN_FRAMES if plan.every_scan_counts else STORM_FRAMES + END_WITHIN_FRAMES
-        drivers = [Driver(self._scenario, robot, self._scans_until, SCAN_FRAMES) for robot in plan.robots]
-        nodes = [self._manager, self._orchestrator, *self._mappings, *drivers]
+        lasers = [Laser(plan.seed, robot, self._scans_until) for robot in plan.robots]
+        navigators = [Navigator(plan.seed, robot, SCAN_FRAMES) for robot in plan.robots]
+        nodes = [self._manager, self._orchestrator, *self._mappings, *lasers, *navigators]
         names = {keys.WORLD, *(node.name for node in nodes)}
         self._network = Network(self._scenario, sorted(names), dict, plan.forecast)
         self._rounds = Rounds(self._scenario.frame_ns, nodes, self._network, lambda *note: None)

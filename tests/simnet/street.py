@@ -37,60 +37,15 @@ DIRECTIONS = ray_directions(SCENARIO.laser)
 GROUND_M = SCENARIO.laser.height_above_base_m / -DIRECTIONS[..., 2]
 """All rays look down."""
 STATUS_FRAMES = 5
-NOWHERE = np.zeros(0, "<u2")
+PATROL = np.arange(len(SCENARIO.patrol), dtype="<u2")
+PERIOD = SCENARIO.laser.period_frames
 WALLS = 0.05
 """Share of the rays that hit something that is not there the next time."""
 NOISE = 0.01
 
 
-class Driver:
-    """What it sees depends on (seed, robot, frame) alone, so a run without faults sees the same.
-
-    It scans until frame `scans_until`; from frame `done_at` on it says that the patrol is driven.
-    """
-
-    def __init__(self, scenario: Scenario, robot: str, scans_until: float, done_at: int) -> None:
-        self.name, self._mapping = keys.node(keys.NAVIGATOR, robot), keys.node(keys.MAPPING, robot)
-        self._scenario, self._number = scenario, keys.robot_number(robot)
-        self._scans_until, self._done_at = scans_until, done_at
-        self._patrol = np.arange(len(scenario.patrol), dtype="<u2")
-        self._mission = 0
-
-    def step(self, frame: Frame, inbox: Sequence[Envelope], send: Send, note: Note) -> None:
-        """A scan every few frames; a robot of an even number learns its pose a frame later."""
-        for envelope in inbox:
-            if isinstance(envelope.message, Mission):
-                self._mission = max(self._mission, envelope.message.number)
-        if self._scans(frame.index):
-            send(keys.SIM, self._mapping, self.scan(frame.index))
-        late = 1 - self._number % 2
-        if self._scans(frame.index - late):
-            send(keys.SIM, self._mapping, self.pose(frame.index - late))
-        if frame.index % STATUS_FRAMES == self._number:
-            send(keys.RADIO, keys.ORCHESTRATOR, self._status(frame))
-
-    def _scans(self, frame: int) -> bool:
-        return 0 <= frame < self._scans_until and frame % self._scenario.laser.period_frames == 0
-
-    def _status(self, frame: Frame) -> RobotStatus:
-        done = frame.index >= self._done_at
-        state, visited = ("done", self._patrol) if done else ("driving", NOWHERE)
-        return RobotStatus(frame.stamp_ns, self._mission, visited, NOWHERE, state, *self._at_m(frame.index))
-
-    def _at_m(self, frame: int) -> tuple[float, float]:
-        x0, y0, x1, y1 = self._scenario.grid.grid.extent_m
-        turn = 0.03 * frame + 2.1 * self._number + 0.37 * self._scenario.seed
-        return (
-            x0 + (0.5 + 0.3 * math.sin(2.2 * turn)) * (x1 - x0),
-            y0 + (0.5 + 0.4 * math.cos(turn)) * (y1 - y0),
-        )
-
-    def pose(self, frame: int) -> Pose:
-        x_m, y_m = self._at_m(frame)
-        return Pose(frame * self._scenario.frame_ns, x_m, y_m, 0.0, 0.0, 0.0, 0.0, 0.1)
-
-    def scan(self, frame: int) -> Scan:
-        return Scan(frame * self._scenario.frame_ns, _ranges(self._scenario.seed, self._number, frame))
+class Silent:
+    """A node that nobody asks."""
 
     def telemetry(self) -> Mapping[str, float]:
         return {}
@@ -99,13 +54,65 @@ class Driver:
         return {}
 
 
+class Laser(Silent):
+    """Scans every few frames, until frame `scans_until`.
+
+    What is seen depends on (seed, robot, frame) alone, so a run without faults sees the same.
+    """
+
+    def __init__(self, seed: int, robot: str, scans_until: int) -> None:
+        self.name, self._to = keys.node(keys.LASER, robot), keys.node(keys.MAPPING, robot)
+        self._seed, self._robot, self._until = seed, robot, scans_until
+
+    def step(self, frame: Frame, inbox: Sequence[Envelope], send: Send, note: Note) -> None:
+        if frame.index < self._until and frame.index % PERIOD == 0:
+            send(keys.SIM, self._to, scan_of(self._seed, self._robot, frame.index))
+
+
+class Navigator(Silent):
+    """Follows a given path; from frame `done_at` on it says that the patrol is driven.
+
+    A robot of an even number knows its pose a frame later.
+    """
+
+    def __init__(self, seed: int, robot: str, done_at: int) -> None:
+        self.name, self._mapping = keys.node(keys.NAVIGATOR, robot), keys.node(keys.MAPPING, robot)
+        self._seed, self._robot, self._done_at = seed, robot, done_at
+        self._late = 1 - keys.robot_number(robot) % 2
+        self._mission = 0
+
+    def step(self, frame: Frame, inbox: Sequence[Envelope], send: Send, note: Note) -> None:
+        for envelope in inbox:
+            if isinstance(envelope.message, Mission):
+                self._mission = max(self._mission, envelope.message.number)
+        posed = frame.index - self._late
+        if posed >= 0 and posed % PERIOD == 0:
+            send(keys.SIM, self._mapping, pose_of(self._seed, self._robot, posed))
+        if frame.index % STATUS_FRAMES == keys.robot_number(self._robot):
+            send(keys.RADIO, keys.ORCHESTRATOR, self._status(frame))
+
+    def _status(self, frame: Frame) -> RobotStatus:
+        state, visited = ("done", PATROL) if frame.index >= self._done_at else ("driving", PATROL[:0])
+        pose = pose_of(self._seed, self._robot, frame.index)
+        return RobotStatus(frame.stamp_ns, self._mission, visited, PATROL[:0], state, pose.x_m, pose.y_m)
+
+
+def pose_of(seed: int, robot: str, frame: int) -> Pose:
+    x0, y0, x1, y1 = SCENARIO.grid.grid.extent_m
+    turn = 0.03 * frame + 2.1 * keys.robot_number(robot) + 0.37 * seed
+    x_m = x0 + (0.5 + 0.3 * math.sin(2.2 * turn)) * (x1 - x0)
+    y_m = y0 + (0.5 + 0.4 * math.cos(turn)) * (y1 - y0)
+    return Pose(frame * SCENARIO.frame_ns, x_m, y_m, 0.0, 0.0, 0.0, 0.0, 0.1)
+
+
 @lru_cache(maxsize=2000)
-def _ranges(seed: int, robot: int, frame: int) -> np.ndarray:
-    """(rings, columns) in RANGE_UNIT_M that a level laser has of level ground, with noise and walls."""
-    rng = np.random.default_rng([seed, 3, robot, frame])
+def scan_of(seed: int, robot: str, frame: int) -> Scan:
+    """What a level laser has of level ground, with noise and walls."""
+    rng = np.random.default_rng([seed, 3, keys.robot_number(robot), frame])
     ranges_m = GROUND_M * (1 + NOISE * rng.standard_normal(GROUND_M.shape))
     ranges_m = np.where(rng.random(GROUND_M.shape) < WALLS, 0.7 * ranges_m, ranges_m)
-    return np.where(ranges_m < SCENARIO.laser.range_max_m, ranges_m / RANGE_UNIT_M, 0).astype("<u2")
+    units = np.where(ranges_m < SCENARIO.laser.range_max_m, ranges_m / RANGE_UNIT_M, 0)
+    return Scan(frame * SCENARIO.frame_ns, units.astype("<u2"))
 
 
 def street_of(seed: int, robots: int) -> Scenario:
@@ -115,14 +122,12 @@ def street_of(seed: int, robots: int) -> Scenario:
 @lru_cache(maxsize=2000)
 def mapped_alone(seed: int, robot: str, frames: int) -> np.ndarray:
     """A robot's registers (UPDATE) over the scans of so many frames, had nobody ever disturbed or answered it."""
-    scenario = street_of(seed, 1)
-    laser, driver = scenario.laser, Driver(scenario, robot, frames, frames)
     mapper = RobotMapper(
-        scenario.grid.grid, scenario.hrm.cells, scenario.hrm.per_glrm_cell, RULES,
-        laser.range_max_m, scenario.robot.slope_max, given_layers(scenario),
+        SCENARIO.grid.grid, SCENARIO.hrm.cells, SCENARIO.hrm.per_glrm_cell, RULES, SCENARIO.laser.range_max_m,
+        SCENARIO.robot.slope_max, given_layers(SCENARIO),
     )  # fmt: skip
-    for frame in range(0, frames, laser.period_frames):
-        scan, pose = driver.scan(frame), driver.pose(frame)
-        origin_m = np.array([pose.x_m, pose.y_m, laser.height_above_base_m])
+    for frame in range(0, frames, PERIOD):
+        scan, pose = scan_of(seed, robot, frame), pose_of(seed, robot, frame)
+        origin_m = np.array([pose.x_m, pose.y_m, SCENARIO.laser.height_above_base_m])
         mapper.step_scan(scan.ranges, DIRECTIONS, np.eye(3), origin_m, scan.stamp_ns)
     return mapper.registers()
