@@ -21,7 +21,8 @@ from chaos.cluster import Cluster, call, until
 from chaos.runner import await_end
 from chaos.watch import Line, Watch
 from orograph import keys
-from orograph.launch.lifecycle import commit, resolve, run
+from orograph.launch.lifecycle import resolve, run
+from orograph.launch.machine import commit
 from orograph.storage.results import Summary, WorldResult
 from orograph.storage.scenario_file import load_scenario
 from pydantic import ByteSize, TypeAdapter

@@ -21,7 +21,8 @@ import bench_physics
 import bench_rays
 import goals
 from orograph import keys
-from orograph.launch.lifecycle import commit, resolve, run
+from orograph.launch.lifecycle import resolve, run
+from orograph.launch.machine import commit
 from orograph.storage.results import Summary
 from orograph.storage.run_folder import process_file
 from orograph.storage.scenario_file import load_scenario

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from orograph import keys
 from orograph.launch.in_process import build_rounds
-from orograph.launch.lifecycle import commit
+from orograph.launch.machine import commit
 from orograph.messages import POSE, Bodies, Envelope, Frame, Phase, Pose, Scan
 from orograph.node import Node, Note, Send
 from orograph.nodes.robot_mapping import POSE_WAIT_FRAMES, ScanPoseSync

@@ -31,7 +31,8 @@ from orograph.geometry import ray_directions, rotation_from_quaternion
 from orograph.judge.map_obstacles import SIGHTING, Body, ghosts, obstacle_figures, sightings
 from orograph.judge.map_score import Judged, calibration, confident, judged, map_figures, wrong_though_sure
 from orograph.judge.map_truth import NEAR_GLRM, NEAR_HRM, PLACES_GLRM, PLACES_HRM, MapTruth, true_map, window
-from orograph.launch.lifecycle import commit, resolve
+from orograph.launch.lifecycle import resolve
+from orograph.launch.machine import commit
 from orograph.points import points_from_ranges
 from orograph.scenario import Scenario
 from orograph.scene import Scene, build_scene

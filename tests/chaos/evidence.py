@@ -12,7 +12,7 @@ import numpy as np
 from orograph import keys
 from orograph.judge.checks import Ledger, read_ledger
 from orograph.judge.tracks import tracks
-from orograph.launch.lifecycle import commit
+from orograph.launch.machine import commit
 from orograph.messages import ROBOT_REGISTER
 from orograph.protocol.manager import ManagerSync
 from orograph.rules import Rules

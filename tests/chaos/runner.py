@@ -25,7 +25,7 @@ from chaos.nemeses import Mission
 from chaos.watch import Watch
 from orograph import keys
 from orograph.judge.checks import lost_cells
-from orograph.launch.lifecycle import commit
+from orograph.launch.machine import commit
 from orograph.protocol.tiles import map_hash
 
 SEED = 1

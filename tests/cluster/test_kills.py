@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from orograph.errors import RunError
 from orograph.launch.lifecycle import finish, prepare_out
-from orograph.launch.processes import run_processes
+from orograph.launch.processes import follow, started
 from orograph.launch.progress import Figures
-from orograph.launch.supervisor import Child, Supervisor
+from orograph.launch.supervisor import Supervisor
 from orograph.storage.results import Summary
 from orograph.storage.run_folder import SUMMARY
 from orograph.storage.scenario_file import load_scenario
@@ -21,12 +21,10 @@ TINY = load_scenario("scenarios/tiny")
 class Nemesis:
     """Kills one service at given frames of the world's clock."""
 
-    def __init__(self, name: str, frames: list[int]) -> None:
-        self._name, self._frames = name, frames
+    def __init__(self, supervisor: Supervisor, name: str, frames: list[int]) -> None:
+        self._child = next(c for c in supervisor.children if c.name == name)
+        self._frames = frames
         self.kills = 0
-
-    def started(self, supervisor: Supervisor) -> None:
-        self._child: Child = next(c for c in supervisor.children if c.name == self._name)
 
     def watch(self, figures: Figures, restarts: list[str]) -> None:
         frame = figures.get("world", {}).get("frame", 0)
@@ -40,8 +38,10 @@ class Nemesis:
     ("name", "frames"), [("map-manager", [150, 300]), ("robot-mapping-1", [200]), ("router-radio", [200])]
 )
 def test_a_killed_part_costs_nothing_that_was_acknowledged(name: str, frames: list[int], tmp_path: Path) -> None:
-    out, nemesis, kills = prepare_out(tmp_path / "run", TINY), Nemesis(name, frames), len(frames)
-    run_processes(TINY, out, 1, (0, 0), nemesis.watch, nemesis.started)
+    out, kills = prepare_out(tmp_path / "run", TINY), len(frames)
+    with started(TINY, out, 1) as (supervisor, sim):
+        nemesis = Nemesis(supervisor, name, frames)
+        follow(supervisor, sim, out, nemesis.watch)
     finish(TINY, out, "processes")
     summary = Summary.read(out)
     assert nemesis.kills == kills
@@ -51,7 +51,7 @@ def test_a_killed_part_costs_nothing_that_was_acknowledged(name: str, frames: li
 
 
 def test_the_worlds_death_ends_the_run_with_its_name(tmp_path: Path) -> None:
-    out, nemesis = prepare_out(tmp_path / "run", TINY), Nemesis("world", [50])
-    with pytest.raises(RunError, match=r"world died \(signal SIGKILL"):
-        run_processes(TINY, out, 3, (0, 0), nemesis.watch, nemesis.started)
+    out = prepare_out(tmp_path / "run", TINY)
+    with started(TINY, out, 3) as (supervisor, sim), pytest.raises(RunError, match=r"world died \(signal SIGKILL"):
+        follow(supervisor, sim, out, Nemesis(supervisor, "world", [50]).watch)
     assert not (out / SUMMARY).exists()

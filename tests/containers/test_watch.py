@@ -58,7 +58,9 @@ class Mission:
         scenario = resolve(load_scenario("scenarios/tiny"), None, None, "1.0")
         try:
             out = prepare_out(self._out, scenario)
-            launch.run_processes(scenario, out, 1, (0, 0), self._on_progress, on_started=lambda _: self.started.set())
+            with launch.started(scenario, out, 1) as (supervisor, sim):
+                self.started.set()
+                launch.follow(supervisor, sim, out, self._on_progress)
         except Enough:
             pass
         except BaseException as error:  # judged by the test, in its own thread

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 import time
 from pathlib import Path
 from typing import Literal
@@ -11,7 +9,7 @@ from typing import Literal
 from pydantic import ValidationError
 
 from orograph.errors import InputError, RunError
-from orograph.launch.machine import this_machine
+from orograph.launch.machine import commit, this_machine
 from orograph.launch.progress import OnProgress, unseen
 from orograph.scenario import Scenario
 from orograph.storage.results import RunInfo, Start, WorldResult
@@ -57,14 +55,9 @@ def run(
     else:
         from orograph.launch.processes import run_processes
 
-        run_processes(scenario, out, capacity or default_capacity(scenario), ports, on_progress)
+        run_processes(scenario, out, capacity, ports, on_progress)
     finish(scenario, out, "in-process" if in_process else "processes")
     return out
-
-
-def default_capacity(scenario: Scenario) -> int:
-    """One robot per process where there are cores for it; on a small machine processes are shared."""
-    return scenario.robots if (os.cpu_count() or 1) <= 2 else 1
 
 
 def prepare_out(out: Path | None, scenario: Scenario) -> Path:
@@ -87,15 +80,3 @@ def finish(scenario: Scenario, out: Path, runner: str) -> None:
     start_s = Start.read(out).unix_s
     RunInfo.ran(WorldResult.read(out), scenario, runner, commit(), this_machine(), start_s).write(out)
     compose(out)
-
-
-def commit() -> str:
-    """The checkout's commit, `-dirty` where files differ from it; `unknown` outside a checkout."""
-    try:
-        described = subprocess.run(
-            ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"],
-            cwd=Path(__file__).parent, capture_output=True, text=True, timeout=10, check=True,
-        )  # fmt: skip
-    except (OSError, subprocess.SubprocessError):
-        return "unknown"
-    return described.stdout.strip()

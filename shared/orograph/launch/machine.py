@@ -1,9 +1,10 @@
-"""What a run was made on, read at run time: the paper's Table 1."""
+"""What a run was made on and from, read at run time: the paper's Table 1, and the commit."""
 
 from __future__ import annotations
 
 import os
 import platform
+import subprocess
 from importlib import metadata
 from pathlib import Path
 
@@ -23,6 +24,18 @@ def this_machine() -> Machine:
         python=platform.python_version(),
         packages={name: version for name in PACKAGES if (version := _version(name))},
     )
+
+
+def commit() -> str:
+    """The checkout's commit, `-dirty` where files differ from it; `unknown` outside a checkout."""
+    try:
+        described = subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--abbrev=12", "--exclude=*"],
+            cwd=Path(__file__).parent, capture_output=True, text=True, timeout=10, check=True,
+        )  # fmt: skip
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"
+    return described.stdout.strip()
 
 
 def _first(path: str, name: str) -> str:

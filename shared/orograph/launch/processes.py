@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -40,10 +41,26 @@ def held_endpoint(port: int = 0) -> Iterator[str]:
 
 
 def run_processes(
-    scenario: Scenario, out: Path, capacity: int, ports: tuple[int, int], on_progress: OnProgress,
-    on_started: Callable[[Supervisor], None] | None = None,
+    scenario: Scenario, out: Path, capacity: int, ports: tuple[int, int], on_progress: OnProgress
 ) -> None:  # fmt: skip
-    """Run the mission whose resolved scenario is in out/parts to its end; raises RunError when it can't be."""
+    """Run the mission whose resolved scenario is in out/parts to its end; raises RunError when it can't be.
+
+    `capacity` is robots per process, 0 for the default; of `ports` (sim, radio) 0 is a free one.
+    """
+    with started(scenario, out, capacity or default_capacity(scenario), ports) as (supervisor, sim):
+        follow(supervisor, sim, out, on_progress)
+
+
+def default_capacity(scenario: Scenario) -> int:
+    """One robot per process where there are cores for it; on a small machine processes are shared."""
+    return scenario.robots if (os.cpu_count() or 1) <= 2 else 1
+
+
+@contextmanager
+def started(
+    scenario: Scenario, out: Path, capacity: int, ports: tuple[int, int] = (0, 0)
+) -> Iterator[tuple[Supervisor, str]]:  # fmt: skip
+    """All processes of a mission, until it is left; gives who keeps them running and the sim plane's endpoint."""
     with ExitStack() as stack:
         sim, radio = (stack.enter_context(held_endpoint(port)) for port in ports)
         settings = Settings(sim, radio, out.resolve(), capacity)
@@ -56,12 +73,11 @@ def run_processes(
         for service in keys.ROBOT_SERVICES:
             for i in range(-(-len(scenario.robot_ids) // capacity)):
                 supervisor.start(f"{service}-{i + 1}", f"services.{service.replace('-', '_')}")
-        if on_started is not None:
-            on_started(supervisor)
-        _follow(supervisor, sim, out, on_progress)
+        yield supervisor, sim
 
 
-def _follow(supervisor: Supervisor, sim: str, out: Path, on_progress: OnProgress) -> None:
+def follow(supervisor: Supervisor, sim: str, out: Path, on_progress: OnProgress) -> None:
+    """Restart what dies and tell how it goes until the mission has ended; raises RunError where it can't."""
     figures: Figures = {}
     stop = threading.Event()
     listener = threading.Thread(target=_listen, args=(sim, figures, stop), daemon=True)

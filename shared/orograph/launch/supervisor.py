@@ -27,9 +27,9 @@ class Child:
     module: str
     arguments: tuple[str, ...]
     log: Path
-    essential: bool = False
+    essential: bool
     """Its death can't be made good by starting it again: the simulated reality."""
-    process: subprocess.Popen[bytes] | None = None
+    process: subprocess.Popen[bytes]
     deaths_s: list[float] = field(default_factory=list)
 
     def last_lines(self) -> str:
@@ -55,17 +55,15 @@ class Supervisor:
 
     def start(self, name: str, module: str, *arguments: str, essential: bool = False) -> Child:
         """Start `python -m <module>`; its output goes to logs/<name>.log."""
-        child = Child(name, module, arguments, self._log_dir / f"{name}.log", essential)
-        self._spawn(child)
+        log = self._log_dir / f"{name}.log"
+        child = Child(name, module, arguments, log, essential, self._spawn(module, arguments, log))
         self.children.append(child)
         return child
 
-    def _spawn(self, child: Child) -> None:
-        if child.process is not None and child.process.stdin is not None:
-            child.process.stdin.close()
-        with child.log.open("ab") as log:
-            child.process = subprocess.Popen(
-                [sys.executable, "-m", child.module, "--with-parent", *child.arguments],
+    def _spawn(self, module: str, arguments: tuple[str, ...], log_file: Path) -> subprocess.Popen[bytes]:
+        with log_file.open("ab") as log:
+            return subprocess.Popen(
+                [sys.executable, "-m", module, "--with-parent", *arguments],
                 env=self._environment, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True,
             )  # fmt: skip
 
@@ -73,7 +71,6 @@ class Supervisor:
         """Restart what died; True when every service has ended well. Raises RunError when a death can't be mended."""
         running = False
         for child in self.children:
-            assert child.process is not None
             code = child.process.poll()
             if code is None:
                 running = running or not child.name.startswith("router")
@@ -87,23 +84,28 @@ class Supervisor:
         child.deaths_s = [t for t in child.deaths_s if now - t < DEATHS_WINDOW_S] + [now]
         how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
         if child.essential or len(child.deaths_s) > DEATHS_MAX:
-            why = "it holds the simulated reality" if child.essential else f"{len(child.deaths_s)} times within 30 s"
+            often = f"{len(child.deaths_s)} times within {DEATHS_WINDOW_S:.0f} s"
+            why = "it holds the simulated reality" if child.essential else often
             raise RunError(f"{child.name} died ({how}; {why}). Its last lines ({child.log}):\n{child.last_lines()}")
         self.restarts.append(f"{child.name} ({how})")
-        self._spawn(child)
+        _let_go(child.process)
+        child.process = self._spawn(child.module, child.arguments, child.log)
 
     def stop(self) -> None:
         """SIGTERM to all, SIGKILL to those still there after a few seconds."""
-        alive = [c.process for c in self.children if c.process is not None and c.process.poll() is None]
-        for process in alive:
-            process.terminate()
-        deadline = time.monotonic() + STOP_S
-        for process in alive:
-            try:
-                process.wait(max(0.1, deadline - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
         for child in self.children:
-            if child.process is not None and child.process.stdin is not None:
-                child.process.stdin.close()
+            child.process.terminate()
+        deadline = time.monotonic() + STOP_S
+        for child in self.children:
+            try:
+                child.process.wait(max(0.1, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                child.process.kill()
+                child.process.wait()
+            _let_go(child.process)
+
+
+def _let_go(process: subprocess.Popen[bytes]) -> None:
+    """Close its standard input, which says that its parent lives."""
+    if process.stdin is not None:
+        process.stdin.close()

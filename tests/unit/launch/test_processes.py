@@ -39,7 +39,7 @@ def test_figures_may_be_read_while_more_come(
     monkeypatch.setattr(processes, "POLL_S", 0.0)
     write_whole(tmp_path / WORLD, "{}")
     seen: list[int] = []
-    processes._follow(Turns(50), "", tmp_path, lambda figures, _: seen.append(sum(1 for _ in figures)))
+    processes.follow(Turns(50), "", tmp_path, lambda figures, _: seen.append(sum(1 for _ in figures)))
     assert len(seen) == 50 and seen[-1] > 0
 
 
