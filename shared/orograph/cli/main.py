@@ -47,6 +47,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except RunError as error:
         print(f"orograph: {error}", file=sys.stderr)
         return 1
+    except BrokenPipeError:  # `orograph run ... | head -1`: who reads has read enough
+        sys.stdout = None
+        return 0
     except KeyboardInterrupt:
         print("\norograph: interrupted; every process it started has ended", file=sys.stderr)
         return 130
