@@ -98,7 +98,8 @@ def draw_relief(
     painted = PolyCollection(ordered, facecolors=colours, edgecolors=colours, linewidths=0.5, rasterized=True)
     # Left out of the layout's search for extents, which would walk every polygon; axes limits hold it anyway.
     painted.set_in_layout(False)
-    axes.add_collection(painted)
+    axes.add_collection(painted, autolim=False)
+    axes.update_datalim([faces.min(axis=(0, 1)), faces.max(axis=(0, 1))])
     _frame(axes, relief, base)
 
 

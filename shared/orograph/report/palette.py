@@ -7,6 +7,7 @@ Robots by Okabe and Ito's set; values by perceptual maps: viridis (height), civi
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -49,7 +50,8 @@ STYLE: Any = {
 }
 FONTS = "'Helvetica Neue', Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
 RASTER_DPI = 170
-PLAIN = " !$()*+,-./:;=?@_~|{}"
+ENCODED = re.compile(r"[^\w !$()*+,./:;=?@~|{}-]", re.ASCII)
+"""What must be percent-encoded in a data URI; all else may stand, and most of it is base64."""
 Draw = Callable[[Figure], None]
 
 
@@ -81,5 +83,9 @@ def picture(size_in: tuple[float, float], caption: str, alt: str, draw: Draw) ->
     svg = stream.getvalue().decode().replace("'DejaVu Sans'", FONTS)
     # Percent-encoding and not base64: the rasters inside are base64 already, and a second layer costs a third more.
     return Picture(
-        f"data:image/svg+xml,{quote(svg, safe=PLAIN)}", caption, alt, round(size_in[0] * 96), round(size_in[1] * 96)
+        f"data:image/svg+xml,{ENCODED.sub(_percent, svg)}", caption, alt, round(size_in[0] * 96), round(size_in[1] * 96)
     )
+
+
+def _percent(found: re.Match[str]) -> str:
+    return quote(found[0])
