@@ -1,13 +1,15 @@
-"""Writes docs/messages.md and scenarios/scenario.schema.json from the code. Tests hold the files to it."""
+"""Writes docs/messages.md, docs/summary.schema.json and scenarios/scenario.schema.json from the code, as tests hold."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 from orograph import keys, layers, messages
 from orograph.fields import Array, AtMost, Choice, Flag, Kind, Number, Raw, Text, Whole, kinds_of
 from orograph.routes import Route
+from orograph.storage.results import Summary
 from orograph.storage.scenario_file import scenario_json_schema
 
 ROOT = Path(__file__).parents[1]
@@ -97,7 +99,12 @@ def reference() -> str:
     return "\n".join(lines) + "\n"
 
 
+def pretty(schema: dict[str, Any]) -> str:
+    """A JSON schema as a file for people."""
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
 if __name__ == "__main__":
     (ROOT / "docs" / "messages.md").write_text(reference())
-    schema = json.dumps(scenario_json_schema(), indent=2, ensure_ascii=False) + "\n"
-    (ROOT / "scenarios" / "scenario.schema.json").write_text(schema)
+    (ROOT / "docs" / "summary.schema.json").write_text(pretty(Summary.model_json_schema()))
+    (ROOT / "scenarios" / "scenario.schema.json").write_text(pretty(scenario_json_schema()))

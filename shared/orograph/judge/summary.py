@@ -201,8 +201,9 @@ def sentence(parts: RunParts, summary: Summary) -> str:
     who = "One robot" if robots == 1 else f"{NUMBERS.get(robots, str(robots))} robots"
     minutes, seconds = divmod(round(parts.run.sim_time_s), 60)
     share = summary.coverage
-    covered = "an unknown share" if math.isnan(share) else f"{100 * share:.1f} %"
-    first = f"{who} mapped {covered} of what the patrol can see in {minutes} min {seconds:02d} s of simulation."
+    covered = "an unknown share" if math.isnan(share) else f"{100 * share:.1f}\u00a0%"
+    time = f"{minutes}\u00a0min\u00a0{seconds:02d}\u00a0s"
+    first = f"{who} mapped {covered} of what the patrol can see in {time} of simulation."
     same = {
         True: f"Every robot{' that stayed' * bool(parts.gone)} ended with the same map, bit for bit.",
         False: "The robots' copies of the map differ.",

@@ -9,7 +9,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, WithJsonSchema
 
 from orograph.storage.run_folder import RUN, START, SUMMARY, WORLD, FolderError, read_text, write_whole
 
@@ -18,12 +18,16 @@ if TYPE_CHECKING:
     from orograph.scenario import Scenario
 
 
-Figure = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
+Figure = Annotated[
+    float,
+    BeforeValidator(lambda value: math.nan if value is None else value),
+    WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "null"}]}),
+]
 """A measured quantity: NaN where there was nothing to measure, `null` in JSON."""
 
 
 class _Frozen(BaseModel):
-    model_config = ConfigDict(frozen=True, from_attributes=True)
+    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
 
 
 class _Result(_Frozen):
