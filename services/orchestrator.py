@@ -6,7 +6,6 @@ import argparse
 import sys
 
 from orograph import keys
-from orograph.comms import wire
 from orograph.comms.bus import Bus
 from orograph.errors import InputError
 from orograph.launch.cluster_run import ClusterRun
@@ -48,13 +47,6 @@ def main() -> int:
     return 0
 
 
-def _status(node: OrchestratorNode, briefing: Briefing, claims: Claims) -> bytes:
-    """How the cluster stands; nothing before the first second."""
-    standing = node.standing
-    told = standing.of_run(briefing.run, claims.holders()).model_dump() if standing is not None else None
-    return wire.pack_plain(told)
-
-
 def _direct(cluster_run: ClusterRun, settings: Settings, watchdog: Watchdog, start_with: int | None) -> None:
     nodes: list[OrchestratorNode] = []
 
@@ -65,7 +57,7 @@ def _direct(cluster_run: ClusterRun, settings: Settings, watchdog: Watchdog, sta
         claims = Claims(robots, nodes[0].present, start_with)
         claims.attend(bus)
         answer(bus, briefing)
-        bus.answer(keys.STATUS, lambda _: _status(nodes[0], briefing, claims), keys.RADIO)
+        bus.answer(keys.STATUS, lambda: nodes[0].status.of_run(briefing.run, claims.holders()), keys.RADIO)
         return briefing
 
     take_part(keys.ORCHESTRATOR, settings, watchdog, build=lambda briefing, robots: (nodes, {}), brief=brief)

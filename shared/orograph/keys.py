@@ -8,6 +8,7 @@ group (`robot-mapping/*`: that service of every robot). Keys:
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 
 SIM, RADIO = "sim", "radio"
 PLANES = (SIM, RADIO)
@@ -89,6 +90,28 @@ def inbox_keys(plane: str, node_name: str) -> list[str]:
     return [*keys, f"{ROOT}/{plane}/{service}/{ALL}/**"] if robot else keys
 
 
+STREAM = rf"({'|'.join(PLANES)})/[a-z-]+/(-|all|{ROBOT_ID.pattern})/[a-z-]+/(-|{ROBOT_ID.pattern})"
+"""Pattern of a stream's name: a message key without its root and kind."""
+
+
+def stream_name(plane: str, to: str, sender: str) -> str:
+    """What a node sends to an address on a plane, as ticks and answers count it: `sim/laser/all/world/-`."""
+    to_service, to_robot = split(to)
+    from_service, from_robot = split(sender)
+    to_chunk = ALL if to_robot == EVERY else (to_robot or NONE)
+    return f"{plane}/{to_service}/{to_chunk}/{from_service}/{from_robot or NONE}"
+
+
+@lru_cache(maxsize=4_096)
+def parse_stream_name(name: str) -> tuple[str, str, str]:
+    """(plane, to, sender) of a stream's name; raises ValueError for any other."""
+    chunks = name.split("/")
+    if len(chunks) != 5:
+        raise ValueError(f"not a stream's name: {name!r}")
+    plane, to, _, sender = parse_message_key("/".join((ROOT, *chunks[:3], "-", *chunks[3:])))
+    return plane, to, sender
+
+
 def alive_key(service: str, instance: str, robots: tuple[str, ...] = ()) -> str:
     """Liveliness token of a service instance, naming the robots it holds (sim plane)."""
     return f"{ROOT}/alive/{service}/{instance}/{'+'.join(robots) or NONE}"
@@ -143,3 +166,12 @@ def telemetry_key(node_name: str) -> str:
     """Key of a node's figures."""
     service, robot = split(node_name)
     return f"{TELEMETRY}/{service}/{robot or NONE}"
+
+
+def parse_telemetry_key(key: str) -> str:
+    """The node whose figures they are; raises ValueError for any other key."""
+    chunks = key.split("/")
+    known = len(chunks) == 4 and chunks[:2] == TELEMETRY.split("/") and chunks[2] in SERVICES
+    if not known or not (chunks[3] == NONE or ROBOT_ID.fullmatch(chunks[3])):
+        raise ValueError(f"not a key of figures: {key!r}")
+    return chunks[2] if chunks[3] == NONE else f"{chunks[2]}/{chunks[3]}"

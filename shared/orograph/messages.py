@@ -12,8 +12,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from orograph.fields import AtMost, array, bytes_max, choice, flag, integer, number, raw
+from orograph.fields import array, bytes_max, choice, flag, integer, number, raw
 from orograph.keys import LASER, MANAGER, MAPPING, NAVIGATOR, ORCHESTRATOR, RADIO, SIM, WORLD, group
+from orograph.kinds import AtMost
 from orograph.layers import MAPPED
 from orograph.routes import Route, Routed
 

@@ -11,7 +11,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from orograph import keys
-from orograph.fields import Rejected
+from orograph.kinds import Rejected
+
+ANYONE, PEOPLE = "anyone", "people"
+"""In routes of control messages: every service that takes part, and those who look on."""
 
 
 @dataclass(frozen=True)

@@ -15,18 +15,17 @@ import time
 from typing import Any
 
 from orograph import keys
-from orograph.comms import wire
+from orograph.comms.observer import Heard, Observer
 from orograph.comms.session import client
+from orograph.control import Figures
 from orograph.messages import Ack, Batch, Delta, Digest, Fenced, Message, Welcome
 
 SIM, RADIO = "tcp/router-sim:7447", "tcp/router-radio:7447"
-PLANE = f"{keys.ROOT}/{keys.RADIO}"
-DOWN = ("Ack", "Delta", "Digest", "Fenced", "Welcome")
-HEARD = (f"{PLANE}/{keys.MANAGER}/*/Batch/**", *(f"{PLANE}/{keys.MAPPING}/*/{kind}/**" for kind in DOWN))
+KINDS = (Ack, Batch, Delta, Digest, Fenced, Welcome, Figures)
 Line = dict[str, Any]
 
 
-def told(message: Message) -> Line:
+def told(message: Message | Figures) -> Line:
     """What a checker needs of a message; raises AssertionError for one that is not listened to."""
     match message:
         case Ack():
@@ -41,6 +40,8 @@ def told(message: Message) -> Line:
             return {"manager_epoch": message.manager_epoch, "version": message.version, "hash": digest}
         case Welcome() | Fenced():
             return {"epoch": message.epoch}
+        case Figures():
+            return {"figures": message.figures}
     raise AssertionError(message)
 
 
@@ -53,24 +54,15 @@ class Notebook:
 
     def __init__(self) -> None:
         self._lines: queue.SimpleQueue[Line | None] = queue.SimpleQueue()
-        self._joiner, self._lock = wire.Joiner(), threading.Lock()
 
-    def on_message(self, key: str, piece: bytes) -> None:
-        """One fragment from the radio plane."""
-        at = time.time()
-        with self._lock:
-            whole = self._joiner.add(key, piece)
-        if whole is not None:
-            _, to, kind, sender = keys.parse_message_key(key)
-            robot = keys.split(sender)[1] or keys.split(to)[1]
-            self._lines.put({"at": at, "kind": kind, "robot": robot, "frame": whole[0],
-                             **told(wire.decode(kind, whole[2]))})  # fmt: skip
-
-    def on_figures(self, key: str, payload: bytes) -> None:
-        """A node's figures from the sim plane."""
-        service, robot = key.split("/")[2:4]
-        name = service if robot == keys.NONE else keys.node(service, robot)
-        self._lines.put({"at": time.time(), "kind": "figures", "node": name, "figures": wire.unpack_plain(payload)})
+    def hear(self, heard: Heard) -> None:
+        """One message from the radio plane, or a node's figures from the sim plane."""
+        line: Line = {"at": time.time(), "kind": type(heard.message).__name__, **told(heard.message)}
+        if isinstance(heard.message, Figures):
+            line |= {"kind": "figures", "node": heard.sender}
+        else:
+            line |= {"robot": keys.split(heard.sender)[1] or keys.split(heard.to)[1], "frame": heard.frame}
+        self._lines.put(line)
 
     def close(self) -> None:
         """Let `write` return."""
@@ -89,11 +81,7 @@ def main() -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: notebook.close())
     with client(SIM, stop) as sim, client(RADIO, stop) as radio:
-        sim.declare_subscriber(
-            f"{keys.TELEMETRY}/**", lambda s: notebook.on_figures(str(s.key_expr), s.payload.to_bytes())
-        )
-        for key in HEARD:
-            radio.declare_subscriber(key, lambda s: notebook.on_message(str(s.key_expr), s.payload.to_bytes()))
+        Observer({keys.SIM: sim, keys.RADIO: radio}, KINDS, notebook.hear)
         notebook.write()
 
 

@@ -6,17 +6,16 @@ import threading
 from typing import Any
 
 from orograph import keys
-from orograph.comms import wire
 from orograph.comms.bus import Bus
+from orograph.control import Claim, Grant
 
 FOR_EVER = threading.Event()
 
 
 def ask(bus: Bus, instance: str, service: str = keys.LASER, capacity: int = 1) -> list[str] | None:
     """The robots granted, none for a spare; None where nobody answers (yet)."""
-    question = {"service": service, "instance": instance, "capacity": capacity, "wanted": []}
-    reply = bus.ask(keys.CLAIM, wire.pack_plain(question), 5.0)
-    return None if reply is None else wire.unpack_plain(reply)["robots"]
+    grant = bus.ask(keys.CLAIM, Claim(service, instance, capacity, ()), Grant, 5.0)
+    return None if grant is None else list(grant.robots)
 
 
 def work(endpoint: str, instance: str, together: Any, told: Any) -> None:

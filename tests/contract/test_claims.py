@@ -8,6 +8,7 @@ import pytest
 from contract import claimant
 from orograph import keys
 from orograph.comms.bus import Bus
+from orograph.control import Release, Tick
 from orograph.runtime import claims
 from polling import until
 
@@ -79,10 +80,10 @@ def test_a_worker_that_another_robot_needs_is_released(endpoint: str, monkeypatc
         holds = {keys.MAPPING: ROBOTS[0], keys.NAVIGATOR: ROBOTS[0], keys.LASER: ROBOTS[1]}
         tokens = [bus.token(service, f"worker-{service}", (robot,)) for service, robot in holds.items()]
         for service in holds:
-            bus.hear(keys.release_key(f"worker-{service}"), lambda _, s=service: released.append(s))
+            bus.hear(keys.release_key(f"worker-{service}"), Release, lambda _, s=service: released.append(s))
 
         def ticked() -> bool:
-            bus.tell(keys.TICK, b"")
+            bus.tell(keys.TICK, Tick(0, True, False, {}, (), ()))
             return bool(released)
 
         until(ticked, "nobody is released", within_s=10)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from orograph import fields, keys, messages
+from orograph import control, fields, keys, messages, routes
 
 ROOT = Path(__file__).parents[2]
 FILES = [
@@ -77,6 +77,14 @@ def test_each_message_says_what_it_is_who_sends_it_and_what_each_field_may_hold(
     for route in kind.routes:
         services = {route.sender, keys.split(route.to)[0]}
         assert services <= set(keys.SERVICES if route.plane == keys.SIM else keys.RADIO_SERVICES), route
+
+
+@pytest.mark.parametrize("kind", control.CONTROLS.values(), ids=lambda kind: kind.__name__)
+def test_each_control_message_says_what_it_is_its_key_and_who_sends_it(kind: type[control.Control]) -> None:
+    assert inspect.getdoc(kind) and kind.routes and all(fields.kinds_of(kind).values())
+    assert keys.callback_kind(kind.key) in keys.CALLBACKS
+    for route in kind.routes:
+        assert {route.sender, route.to} <= {*keys.SERVICES, routes.ANYONE, routes.PEOPLE}, route
 
 
 def test_every_key_has_its_words() -> None:

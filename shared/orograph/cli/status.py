@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import json
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from threading import Event
 
-from pydantic import ValidationError
 from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from orograph import keys
-from orograph.comms import wire
 from orograph.comms.bus import Bus
 from orograph.comms.session import client
+from orograph.control import ClusterStatus, HeldMap, RobotState
 from orograph.errors import InputError, RunError
-from orograph.fields import Rejected
-from orograph.nodes.standing import MapStanding, RobotStanding, Standing, link_up
+from orograph.nodes.status_board import link_up
 
 ROUTER = "tcp/127.0.0.1:17448"
 """Where ops/status.compose.yaml publishes the radio plane's router."""
@@ -63,8 +63,8 @@ def main(args: argparse.Namespace) -> int:
         if args.watch:
             watch(bus, args.router, args.json)
         else:
-            standing = ask(bus, args.router)
-            print(standing.model_dump_json()) if args.json else Console().print(view(standing))
+            status = ask(bus, args.router)
+            print(as_json(status)) if args.json else Console().print(view(status))
     return 0
 
 
@@ -79,28 +79,31 @@ def _router(endpoint: str) -> Iterator[Bus]:
         raise RunError(f"no router answers at {endpoint}: is the cluster up, and its radio port published?") from None
 
 
-def ask(bus: Bus, endpoint: str) -> Standing:
+def ask(bus: Bus, endpoint: str) -> ClusterStatus:
     """How the cluster stands; raises RunError where nobody says, or what is said is not understood."""
-    reply = bus.ask(keys.STATUS, b"", ANSWER_S, keys.RADIO)
-    if reply is None:
+    status = bus.ask(keys.STATUS, None, ClusterStatus, ANSWER_S, keys.RADIO)
+    if status is None and bus.callbacks.figures():
+        raise RunError(f"what answers at {endpoint} is no orchestrator of this program's version")
+    if status is None:
         raise RunError(f"the router at {endpoint} is up, but no orchestrator answers through it: no run is going on")
-    try:
-        told = wire.unpack_plain(reply)
-        if told is None:
-            raise RunError("the cluster is starting: its first second has not come yet")
-        return Standing.model_validate({**told, "robots": tuple(told["robots"])})
-    except (Rejected, ValidationError, TypeError, KeyError):
-        raise RunError(f"what answers at {endpoint} is no orchestrator of this program's version") from None
+    if status.phase == "starting":
+        raise RunError("the cluster is starting: its first second has not come yet")
+    return status
 
 
-def watch(bus: Bus, endpoint: str, as_json: bool) -> None:
+def as_json(status: ClusterStatus) -> str:
+    """One line."""
+    return json.dumps(dataclasses.asdict(status))
+
+
+def watch(bus: Bus, endpoint: str, in_json: bool) -> None:
     """Show it anew every second until Ctrl-C; on a terminal silence is shown, elsewhere it ends the watch."""
     console = Console()
     try:
-        if as_json or not console.is_terminal:
+        if in_json or not console.is_terminal:
             while True:
-                standing = ask(bus, endpoint)
-                print(standing.model_dump_json() if as_json else headline(standing).plain, flush=True)
+                status = ask(bus, endpoint)
+                print(as_json(status) if in_json else headline(status).plain, flush=True)
                 time.sleep(WATCH_EVERY_S)
         with Live(view(ask(bus, endpoint)), console=console, auto_refresh=False) as live:
             while True:
@@ -117,47 +120,47 @@ def _view_or_silence(bus: Bus, endpoint: str) -> Group | Text:
         return Text(f"{error}; asking again", "yellow")
 
 
-def view(standing: Standing) -> Group:
+def view(status: ClusterStatus) -> Group:
     """The headline over a table of robots."""
-    return Group(headline(standing), Text(), _robots(standing))
+    return Group(headline(status), Text(), _robots(status))
 
 
-def headline(standing: Standing) -> Text:
+def headline(status: ClusterStatus) -> Text:
     """Run, simulation time, phase, coverage and the manager's map."""
-    manager = standing.manager
+    manager = status.manager
     held = f"version {manager.version}, {manager.hash[:HASH_SHOWN]}" if manager else "not heard yet"
     if manager and not link_up(manager.silent_s):
         held += f" ({_silence(manager.silent_s)})"
-    name = standing.scenario if standing.run in (".", "") else standing.run
+    name = status.scenario if status.run in (".", "") else status.run
     return Text(
-        f"{name}   {standing.sim_time_s:.0f} s simulated, {standing.phase}   map {standing.coverage:.1%} of the area, "
-        f"{held}   {standing.waypoints_left} waypoints left",
+        f"{name}   {status.sim_time_s:.0f} s simulated, {status.phase}   map {status.coverage:.1%} of the area, "
+        f"{held}   {status.waypoints_left} waypoints left",
         "bold",
     )
 
 
-def _robots(standing: Standing) -> Table:
+def _robots(status: ClusterStatus) -> Table:
     names = ("robot", " ".join(WORKERS), "radio", "state", "goals", "backlog", "version", "copy's hash")
     table = Table(*names, box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for column in table.columns:
         column.no_wrap = column.header != "radio"
-    for robot in standing.robots:
+    for robot in status.robots:
         copy, backlog = robot.copy_held, robot.backlog_cells
         table.add_row(
             robot.robot, workers(robot), radio(robot), robot.state or "-", str(robot.waypoints_left),
             "-" if backlog is None else str(backlog), str(copy.version) if copy else "-",
-            agreement(copy, standing.manager),
+            agreement(copy, status.manager),
         )  # fmt: skip
     return table
 
 
-def workers(robot: RobotStanding) -> Text:
+def workers(robot: RobotState) -> Text:
     """The instances that hold the robot's services; what nobody holds is red."""
     held = [robot.workers.get(service, "") for service in WORKERS.values()]
     return Text(" ").join(Text(i[:INSTANCE_SHOWN]) if i else Text("none", "red") for i in held)
 
 
-def radio(robot: RobotStanding) -> Text:
+def radio(robot: RobotState) -> Text:
     """Whether the two services on the radio plane are heard, and for how long the silent one has not been."""
     silent = {keys.MAPPING: robot.copy_held.silent_s if robot.copy_held else None, keys.NAVIGATOR: robot.drive_silent_s}
     down = {service: _silence(s) for service, s in silent.items() if not link_up(s)}
@@ -170,7 +173,7 @@ def _silence(silent_s: float | None) -> str:
     return "never heard" if silent_s is None else f"down {silent_s:.0f} s"
 
 
-def agreement(copy: MapStanding | None, manager: MapStanding | None) -> Text:
+def agreement(copy: HeldMap | None, manager: HeldMap | None) -> Text:
     """A copy's hash, and whether it is the manager's, on its way there, or different at the same version."""
     if copy is None or manager is None:
         return Text("-")

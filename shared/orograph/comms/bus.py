@@ -6,6 +6,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
+from typing import TypeVar
 
 import zenoh
 
@@ -14,8 +15,10 @@ from orograph.comms import wire
 from orograph.comms.callbacks import Callbacks
 from orograph.comms.mailbox import Mailbox
 from orograph.comms.session import client
+from orograph.control import Control, Figures
 from orograph.messages import Message
 
+C = TypeVar("C", bound=Control)
 CONTROL = zenoh.Priority.INTERACTIVE_HIGH
 
 
@@ -25,7 +28,8 @@ class Bus:
     def __init__(self, sessions: dict[str, zenoh.Session]) -> None:
         self.sessions = sessions
         self.callbacks = Callbacks()
-        self.sent: Counter[tuple[str, str, str]] = Counter()
+        self.sent: Counter[str] = Counter()
+        """Messages of this frame by stream."""
         self.bytes_sent: Counter[tuple[str, str, str]] = Counter()
         self._index: Counter[str] = Counter()
         self._frame = -1
@@ -55,14 +59,7 @@ class Bus:
         for piece in wire.fragments(self._frame, index, wire.encode(message)):
             self.bytes_sent[plane, to, sender] += len(piece)
             self.sessions[plane].put(key, piece, congestion_control=_congestion(plane), express=True)
-        self.sent[plane, to, sender] += 1
-
-    def sent_table(self) -> dict[str, dict[str, dict[str, int]]]:
-        """This frame's messages as {plane: {to: {sender: n}}}."""
-        table: dict[str, dict[str, dict[str, int]]] = {}
-        for (plane, to, sender), n in self.sent.items():
-            table.setdefault(plane, {}).setdefault(to, {})[sender] = n
-        return table
+        self.sent[keys.stream_name(plane, to, sender)] += 1
 
     def listen(self, nodes: Iterable[str], mailbox: Mailbox) -> None:
         """Subscribe to these nodes' keys on every plane and be sure that the routers know it."""
@@ -76,23 +73,24 @@ class Bus:
         for _ in session.liveliness().get(keys.ALIVE_ALL, timeout=2.0):
             pass
 
-    def hear(self, key: str, callback: Callable[[bytes], None]) -> None:
-        """Subscribe to one of the sim plane's control keys."""
-        self._subscribe(self.sessions[keys.SIM], key, lambda s: callback(s.payload.to_bytes()))
+    def hear(self, key: str, kind: type[C], callback: Callable[[C], None]) -> None:
+        """Subscribe to one kind of control message on the sim plane; what is no such message is counted."""
+        session = self.sessions[keys.SIM]
+        self._subscribe(session, key, lambda s: callback(wire.decode(kind, s.payload.to_bytes())))
 
     def _subscribe(self, session: zenoh.Session, key: str, callback: Callable[[zenoh.Sample], None]) -> None:
         # The subscriber lives as long as the session: dropping the handle of a callback subscriber keeps it.
         session.declare_subscriber(key, self.callbacks.guarded(keys.callback_kind(key), callback))
 
-    def tell(self, key: str, payload: bytes) -> None:
-        """Send on one of the sim plane's control keys, ahead of data."""
-        self.sessions[keys.SIM].put(
-            key, payload, congestion_control=zenoh.CongestionControl.BLOCK, priority=CONTROL, express=True
-        )
+    def tell(self, key: str, message: Control) -> None:
+        """Send a control message on the sim plane, ahead of data."""
+        block = zenoh.CongestionControl.BLOCK
+        payload = wire.encode(message)
+        self.sessions[keys.SIM].put(key, payload, congestion_control=block, priority=CONTROL, express=True)
 
-    def show(self, node_name: str, payload: bytes) -> None:
+    def show(self, node_name: str, figures: Figures) -> None:
         """Send figures for people; they may be dropped."""
-        self.sessions[keys.SIM].put(keys.telemetry_key(node_name), payload)
+        self.sessions[keys.SIM].put(keys.telemetry_key(node_name), wire.encode(figures))
 
     def token(self, service: str, instance: str, robots: tuple[str, ...]) -> zenoh.LivelinessToken:
         """Say that this instance lives and which robots it holds, until the token is undeclared or the process dies."""
@@ -108,20 +106,33 @@ class Bus:
         guarded = self.callbacks.guarded(keys.callback_kind(keys.ALIVE_ALL), on_token)
         self.sessions[keys.SIM].liveliness().declare_subscriber(keys.ALIVE_ALL, guarded, history=True)
 
-    def ask(self, key: str, payload: bytes, timeout_s: float, plane: str = keys.SIM) -> bytes | None:
-        """The first answer to a query, None where nobody answers."""
-        get = self.sessions[plane].get
-        for reply in get(key, payload=payload, timeout=timeout_s, congestion_control=_congestion(plane)):
+    def ask(
+        self, key: str, question: Control | None, kind: type[C], timeout_s: float, plane: str = keys.SIM
+    ) -> C | None:
+        """The first answer that is one, None where nobody gives any; what is none is counted."""
+        payload = b"" if question is None else wire.encode(question)
+        answers: list[C] = []
+        take = self.callbacks.guarded(keys.callback_kind(key), lambda ok: answers.append(wire.decode(kind, ok)))
+        congestion = _congestion(plane)
+        for reply in self.sessions[plane].get(key, payload=payload, timeout=timeout_s, congestion_control=congestion):
             if reply.ok is not None:
-                return reply.ok.payload.to_bytes()
+                take(reply.ok.payload.to_bytes())
+            if answers:
+                return answers[0]
         return None
 
-    def answer(self, key: str, reply: Callable[[bytes], bytes], plane: str = keys.SIM) -> None:
-        """Answer queries; a radio that has no room loses the answer."""
+    def answer(self, key: str, reply: Callable[[], Control], plane: str = keys.SIM) -> None:
+        """Answer queries that ask nothing in particular; a radio that has no room loses the answer."""
+        self._answer(plane, key, lambda _: reply())
 
+    def answer_each(self, key: str, kind: type[C], reply: Callable[[C], Control]) -> None:
+        """Answer queries of one kind on the sim plane; what is no such query is counted and gets no answer."""
+        self._answer(keys.SIM, key, lambda payload: reply(wire.decode(kind, payload)))
+
+    def _answer(self, plane: str, key: str, reply: Callable[[bytes], Control]) -> None:
         def on_query(query: zenoh.Query) -> None:
             with query:
-                query.reply(key, reply(query.payload.to_bytes() if query.payload else b""))
+                query.reply(key, wire.encode(reply(query.payload.to_bytes() if query.payload else b"")))
 
         self.sessions[plane].declare_queryable(key, self.callbacks.guarded(keys.callback_kind(key), on_query))
 

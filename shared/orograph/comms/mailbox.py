@@ -10,7 +10,8 @@ from typing import Any
 
 from orograph import keys
 from orograph.comms import wire
-from orograph.fields import Rejected, bytes_max
+from orograph.fields import bytes_max
+from orograph.kinds import Rejected
 from orograph.messages import Envelope
 from orograph.routes import check_route
 
@@ -137,14 +138,9 @@ def _stream(e: Envelope) -> tuple[Any, ...] | None:
     return None if by is None else (e.plane, e.to, e.sender, type(e.message), *(getattr(e.message, f) for f in by))
 
 
-def routes_to(nodes: Iterable[str], counted: Mapping[str, Mapping[str, Mapping[str, int]]]) -> dict[Stream, int]:
-    """From a tick's table {plane: {to: {sender: n}}}, what these nodes must hold before they step."""
+def streams_to(nodes: Iterable[str], counted: Mapping[str, int]) -> dict[Stream, int]:
+    """From a tick's counts by stream, what these nodes must hold before they step."""
     names = list(nodes)
     addresses = {*names, *(keys.group(keys.split(n)[0]) for n in names if keys.split(n)[1])}
-    return {
-        (plane, to, sender): n
-        for plane, table in counted.items()
-        for to, senders in table.items()
-        if to in addresses
-        for sender, n in senders.items()
-    }
+    streams = {keys.parse_stream_name(name): n for name, n in counted.items()}
+    return {stream: n for stream, n in streams.items() if stream[1] in addresses}

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import msgpack
 
 from orograph import fields
-from orograph.fields import Rejected
+from orograph.kinds import Rejected
 from orograph.messages import FRAGMENT_MAX_BYTES, KINDS, MESSAGE_MAX_BYTES, SCHEMA_VERSION, Message
 from orograph.routes import Routed
 
@@ -33,30 +33,26 @@ def encode(message: Routed) -> bytes:
 
 
 M = TypeVar("M", bound=Routed)
+ITEMS_MAX = 4_096
+"""No list or map on the wire is longer."""
 
 
 def decode(cls: type[M], payload: bytes) -> M:
     """The message of this kind that `encode` made; raises Rejected for anything else."""
     if len(payload) > fields.bytes_max(cls):
         raise Rejected("size", str(len(payload)))
-    whole = unpack_plain(payload)
+    whole = _unpack(payload)
     if type(whole) is not list or len(whole) != 2 or type(whole[0]) is not int or whole[0] != SCHEMA_VERSION:
         raise Rejected("schema")
     return fields.unpack(cls, whole[1])
 
 
-def pack_plain(value: Any) -> bytes:
-    """Any plain value (dict, list, str, int, bytes) for the barrier's and the claims' own messages."""
-    packed: bytes = msgpack.packb(value, use_bin_type=True)
-    return packed
-
-
-def unpack_plain(payload: bytes, max_items: int = 4096) -> Any:
-    """What `pack_plain` made, with explicit limits; raises Rejected."""
+def _unpack(payload: bytes) -> Any:
+    """What msgpack holds, nothing allocated beyond what came."""
     try:
         return msgpack.unpackb(
-            payload, raw=False, strict_map_key=True, max_array_len=max_items, max_map_len=max_items,
-            max_str_len=4096, max_bin_len=MESSAGE_MAX_BYTES, max_ext_len=0,
+            payload, raw=False, strict_map_key=True, max_array_len=ITEMS_MAX, max_map_len=ITEMS_MAX,
+            max_str_len=len(payload), max_bin_len=len(payload), max_ext_len=0,
         )  # fmt: skip
     except (ValueError, msgpack.UnpackException, RecursionError) as error:
         raise Rejected("msgpack", type(error).__name__) from error

@@ -6,13 +6,12 @@ import os
 import socket
 import threading
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from orograph import keys
-from orograph.comms import wire
-from orograph.comms.callbacks import Callbacks
+from orograph import control, keys
+from orograph.comms.observer import Heard, Observer
 from orograph.comms.session import client
 from orograph.errors import InputError, RunError
 from orograph.launch.progress import Figures, OnProgress
@@ -63,6 +62,7 @@ def started(
     """All processes of a mission, until it is left; gives who keeps them running and the sim plane's endpoint."""
     with ExitStack() as stack:
         sim, radio = (stack.enter_context(held_endpoint(port)) for port in ports)
+        capacity = min(capacity, scenario.robots)
         settings = Settings(sim, radio, out.resolve(), capacity)
         supervisor = stack.enter_context(Supervisor(settings.environment, out / LOGS))
         supervisor.start("router-sim", "services.router", "--listen", sim)
@@ -94,22 +94,10 @@ def follow(supervisor: Supervisor, sim: str, out: Path, on_progress: OnProgress)
 
 
 def _listen(sim: str, figures: Figures, stop: threading.Event) -> None:
-    def on_figures(key: str, payload: bytes) -> None:
-        service, robot = key.split("/")[2:4]
-        name = service if robot == keys.NONE else keys.node(service, robot)
-        figures[name] = _floats(wire.unpack_plain(payload))
+    def on_figures(heard: Heard) -> None:
+        assert isinstance(heard.message, control.Figures)
+        figures[heard.sender] = heard.message.figures
 
-    try:
-        with client(sim, stop) as session:
-            key = f"{keys.TELEMETRY}/**"
-            heard = Callbacks().guarded(
-                keys.callback_kind(key), lambda s: on_figures(str(s.key_expr), s.payload.to_bytes())
-            )
-            session.declare_subscriber(key, heard)
-            stop.wait()
-    except InterruptedError:
-        return
-
-
-def _floats(figures: Mapping[str, object]) -> dict[str, float]:
-    return {str(k): float(v) for k, v in figures.items() if isinstance(v, (int, float))}
+    with suppress(InterruptedError), client(sim, stop) as session:
+        Observer({keys.SIM: session}, [control.Figures], on_figures)
+        stop.wait()

@@ -26,7 +26,7 @@ from orograph.mission.distances import DrivingDistances
 from orograph.mission.patrol import HEARD_NS, LOST_AFTER_NS, Patrol
 from orograph.mission.phases import END, FLUSH, MAPPING, RunPhases
 from orograph.node import Every, Note, Send
-from orograph.nodes.standing import Ears, Standing
+from orograph.nodes.status_board import StatusBoard
 from orograph.scenario import Scenario
 from orograph.scene.prior import prior_records
 
@@ -45,8 +45,8 @@ class OrchestratorNode:
         self._scenario = scenario
         self._phases = RunPhases(robots, int(scenario.duration_max_s * SECOND_NS))
         self._patrol: Patrol | None = None
-        self._ears = Ears(robots)
-        self.standing: Standing | None = None
+        self._board = StatusBoard(robots, scenario.name, scenario.grid.grid.size)
+        self.status = self._board.status(0, "starting", None)
         """How things stood at the last full second, replaced whole: any thread may read it."""
         self._present: Collection[str] = robots
         self._speaks_from_ns = 0
@@ -69,7 +69,7 @@ class OrchestratorNode:
             self._direct(frame, patrol, note)
             self._speak(patrol, send)
         if beat:
-            self.standing = self._stand(patrol)
+            self.status = self._board.status(frame.stamp_ns, self._phases.name, patrol)
         if self._phases.name == END:
             send(keys.SIM, keys.WORLD, RunEnd(self._phases.complete, self._phases.copies_equal))
 
@@ -87,7 +87,7 @@ class OrchestratorNode:
 
     def _hear(self, envelope: Envelope, patrol: Patrol, note: Note) -> None:
         robot = keys.split(envelope.sender)[1]
-        self._ears.hear(robot, envelope.message, self._now_ns)
+        self._board.hear(robot, envelope.message, self._now_ns)
         match envelope.message:
             case RobotStatus() as status if robot in patrol.robots:
                 patrol.hear(robot, status, self._now_ns, note)
@@ -119,14 +119,6 @@ class OrchestratorNode:
                 flush = self._phases.name != MAPPING
                 send(keys.RADIO, keys.node(keys.NAVIGATOR, name), Mission(robot.number, order, flush))
         send(keys.RADIO, keys.group(keys.MAPPING), Phase(self._phases.name))
-
-    def _stand(self, patrol: Patrol) -> Standing:
-        return Standing(
-            scenario=self._scenario.name, sim_time_s=self._now_ns / SECOND_NS, phase=self._phases.name,
-            waypoints_left=len(patrol.open()), confident_cells=self._ears.confident_cells,
-            cells=self._scenario.grid.grid.size, manager=self._ears.manager(self._now_ns),
-            robots=tuple(self._ears.robot(name, self._now_ns, len(patrol.left(name))) for name in self._robots),
-        )  # fmt: skip
 
     def telemetry(self) -> Mapping[str, float]:
         """Robots heard, waypoints left and unreached, phase (0 mapping, 1 flush, 2 end), silence of each robot [s]."""

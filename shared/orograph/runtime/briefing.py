@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import time
 import zlib
@@ -10,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from orograph import keys
-from orograph.comms import wire
 from orograph.comms.bus import Bus
+from orograph.control import CurrentRun
 from orograph.runtime.watchdog import Watchdog
 from orograph.scenario import JSON_MAX_BYTES, Scenario
 
@@ -36,19 +35,17 @@ class Briefing:
 
 def answer(bus: Bus, briefing: Briefing) -> None:
     """Tell whoever asks, as long as the bus is open."""
-    told = {"run": briefing.run, "scenario": zlib.compress(briefing.scenario.model_dump_json().encode())}
-    payload = wire.pack_plain(told)
-    bus.answer(keys.BRIEFING, lambda _: payload)
+    told = CurrentRun(briefing.run, zlib.compress(briefing.scenario.model_dump_json().encode()))
+    bus.answer(keys.BRIEFING, lambda: told)
 
 
 def ask(bus: Bus, run_dir: Path, timeout_s: float = 2.0) -> Briefing | None:
     """What runs, None where nobody knows yet."""
-    reply = bus.ask(keys.BRIEFING, b"", timeout_s)
-    if reply is None:
+    told = bus.ask(keys.BRIEFING, None, CurrentRun, timeout_s)
+    if told is None:
         return None
-    told = wire.unpack_plain(reply)
-    text = zlib.decompressobj().decompress(told["scenario"], JSON_MAX_BYTES)
-    return Briefing(Scenario.model_validate(json.loads(text)), run_dir, told["run"])
+    text = zlib.decompressobj().decompress(told.scenario, JSON_MAX_BYTES)
+    return Briefing(Scenario.model_validate_json(text), run_dir, told.run)
 
 
 def await_briefing(bus: Bus, run_dir: Path, watchdog: Watchdog) -> Briefing | None:

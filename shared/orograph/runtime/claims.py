@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable
 
 from orograph import keys
-from orograph.comms import wire
 from orograph.comms.bus import Bus
+from orograph.control import Claim, Grant, Release, Tick
 from orograph.runtime import metrics
 from orograph.runtime.membership import Membership
 
@@ -48,8 +48,8 @@ class Claims:
         """Learn who lives, then answer."""
         bus.watch_alive(self._on_token)
         time.sleep(LEARN_S)
-        bus.answer(keys.CLAIM, self._on_claim)
-        bus.hear(keys.TICK, lambda _: self._review(bus))
+        bus.answer_each(keys.CLAIM, Claim, self._on_claim)
+        bus.hear(keys.TICK, Tick, lambda _: self._review(bus))
 
     def holders(self) -> dict[str, dict[str, str]]:
         """Robot -> service -> instance that holds it."""
@@ -70,16 +70,15 @@ class Claims:
             if self._has_begun:
                 self._on_fleet(whole)
 
-    def _on_claim(self, payload: bytes) -> bytes:
-        question = wire.unpack_plain(payload)
-        claimant = (question["service"], question["instance"])
+    def _on_claim(self, claim: Claim) -> Grant:
+        claimant = (claim.service, claim.instance)
         with self._lock:
             self._expire()
-            grant = self._table.claim(*claimant, question["capacity"], tuple(question["wanted"]))
+            grant = self._table.claim(*claimant, claim.capacity, claim.wanted)
             if grant.robots and claimant not in self._proven:
                 self._unproven_since_s.setdefault(claimant, time.monotonic())
         metrics.CLAIMS.labels("granted" if grant.robots else "refused").inc()
-        return wire.pack_plain({"robots": list(grant.robots), "reason": grant.reason})
+        return grant
 
     def _review(self, bus: Bus) -> None:
         now_s = time.monotonic()
@@ -92,7 +91,7 @@ class Claims:
         for (service, instance), since_s in self._stray_since_s.items():
             if now_s - since_s >= REGROUP_S:
                 log.info("another robot needs a %s more: releasing %s", service, instance[:8])
-                bus.tell(keys.release_key(instance), b"")
+                bus.tell(keys.release_key(instance), Release())
 
     def _expire(self) -> None:
         for claimant, since_s in list(self._unproven_since_s.items()):

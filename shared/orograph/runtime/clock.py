@@ -5,11 +5,10 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterable
-from typing import Any
 
 from orograph.comms.bus import Bus
 from orograph.messages import Frame
-from orograph.runtime.barrier import Barrier, merge
+from orograph.runtime.barrier import Barrier
 from orograph.runtime.host import NodeHost
 from orograph.runtime.watchdog import Watchdog
 from orograph.scenario import Scenario
@@ -67,7 +66,7 @@ class Clock:
         """Frame after frame until the end."""
         begin_s = time.monotonic()
         pace = Pace(0.0 if self._scale == "max" else self._frame_ns * 1e-9 / self._scale, begin_s)
-        counted: dict[str, Any] = {}
+        counted: dict[str, int] = {}
         down: frozenset[str] = frozenset()
         while not self._watchdog.stop.is_set() and not self._ended():
             self._watchdog.alive()
@@ -79,16 +78,15 @@ class Clock:
         self.deterministic = self._scale == "max" and self._ended() and self._barrier.steady and not self.lost
         self._bid_farewell()
 
-    def _turn(self, counted: dict[str, Any], down: frozenset[str]) -> tuple[dict[str, Any], frozenset[str]]:
+    def _turn(self, counted: dict[str, int], down: frozenset[str]) -> tuple[dict[str, int], frozenset[str]]:
         lockstep = self._scale == "max"
         self._roster(self._barrier.nodes)
-        tick = {"counted": counted, "down": sorted(down), "lockstep": lockstep, "end": False}
-        roster = self._barrier.tick(self.frame, tick)
+        roster = self._barrier.tick(self.frame, counted, down, lockstep)
         frame = Frame(self.frame, self.frame * self._frame_ns, self._frame_ns)
         self.lost += self._host.step(frame, counted, down, lockstep, self._watchdog.stop)
-        sent = self._bus.sent_table()
+        sent = dict(self._bus.sent)
         if lockstep:
-            merge(sent, self._barrier.await_answers(self.frame, roster, self._watchdog.stop))
+            sent |= self._barrier.await_answers(self.frame, roster, self._watchdog.stop)
         return sent, frozenset(self._down())
 
     def _bid_farewell(self) -> None:
@@ -96,5 +94,5 @@ class Clock:
         deadline = time.monotonic() + FAREWELL_S
         while self._barrier.nodes and time.monotonic() < deadline:
             self._watchdog.alive()
-            self._barrier.tick(self.frame, {"counted": {}, "down": [], "lockstep": False, "end": True})
+            self._barrier.tick(self.frame, end=True)
             time.sleep(0.1)

@@ -6,12 +6,11 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from orograph import keys
-from orograph.comms import wire
 from orograph.comms.bus import Bus
-from orograph.comms.mailbox import Mailbox, routes_to
+from orograph.comms.mailbox import Mailbox, streams_to
+from orograph.control import Figures
 from orograph.messages import Envelope, Frame
 from orograph.node import Node
 from orograph.radio import delivers
@@ -31,18 +30,19 @@ class NodeHost:
         self._bus, self._scenario, self._recording = bus, scenario, recording
         self._mailbox = Mailbox(scenario.robot_ids)
         self._lost, self._shown_s = 0, 0.0
+        self._refused: dict[str, int] = {}
         bus.listen([n.name for n in self.nodes], self._mailbox)
 
     @metrics.STEP.time()
     def step(
-        self, frame: Frame, counted: Mapping[str, Any], down: frozenset[str], lockstep: bool, stop: threading.Event
+        self, frame: Frame, counted: Mapping[str, int], down: frozenset[str], lockstep: bool, stop: threading.Event
     ) -> int:
         """Step every node with what was sent before this frame; returns how many messages were lost on the way.
 
-        `counted` is the tick's table of the frame before, `down` the robots without radio in that frame.
+        `counted` are the messages of the frame before by stream, `down` the robots without radio in that frame.
         """
         if lockstep:
-            needed = routes_to((n.name for n in self.nodes), counted)
+            needed = streams_to((n.name for n in self.nodes), counted)
             with metrics.WAIT.time():
                 self._mailbox.await_counted(frame.index - 1, needed, stop)
         inbox = self._mailbox.take(frame.index, newest_only=not lockstep)
@@ -79,9 +79,16 @@ class NodeHost:
         process = metrics.process_figures(frame.stamp_ns, self._scenario, shown, self._mailbox, self._bus)
         memory = {"rss_max_bytes": rss_max_bytes()}
         metrics.FIGURES.show(shown, {**process, **memory})
+        self._note_refused(frame)
         for name, telemetry in shown.items():
             figures = {**telemetry, **self._counts(), **memory}
-            self._bus.show(name, wire.pack_plain({k: float(v) for k, v in figures.items()}))
+            self._bus.show(name, Figures({k: float(v) for k, v in figures.items()}))
+
+    def _note_refused(self, frame: Frame) -> None:
+        """Control messages that could not be taken, when there are more than were noted."""
+        if (refused := self._bus.callbacks.figures()) != self._refused:
+            self._refused = refused
+            self._recording.note(frame.stamp_ns, self.nodes[0].name, "control-refused", refused)
 
     def save(self, stages: Mapping[str, StageRecorder]) -> None:
         """Leave everything in the run folder."""

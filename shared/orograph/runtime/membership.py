@@ -3,17 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 from orograph import keys
-
-
-@dataclass(frozen=True)
-class Grant:
-    """Answer to a claim: the robots given, or none and the reason in words."""
-
-    robots: tuple[str, ...]
-    reason: str = ""
+from orograph.control import Grant
 
 
 class Membership:
@@ -26,11 +18,10 @@ class Membership:
 
     def claim(self, service: str, instance: str, capacity: int, wanted: tuple[str, ...] = ()) -> Grant:
         """Up to `capacity` free robots, of those `wanted` if any are named; asked again, one instance gets the same."""
-        refusal = self._refusal(service, capacity, wanted)
-        if refusal:
-            return Grant((), refusal)
+        if strangers := [r for r in wanted if r not in self._robots]:
+            return Grant((), f"{', '.join(strangers)}: not in this run of {len(self._robots)} robots")
         if held := self.held(service, instance):
-            return Grant(held)
+            return Grant(held, "")
         free = [r for r in self._robots if r in (wanted or self._robots) and (service, r) not in self._holder]
         free.sort(key=lambda r: (self._former.get((service, r)) != instance, -self._need(r)))
         given = tuple(sorted(free[:capacity]))
@@ -38,7 +29,7 @@ class Membership:
             named = ", ".join(wanted) or f"all {len(self._robots)} robots"
             return Grant((), f"{named}: {service} is held by others; wait as a spare")
         self._hold(service, instance, given)
-        return Grant(given)
+        return Grant(given, "")
 
     def _need(self, robot: str) -> int:
         """What a robot already has makes it the next to be filled, its mapping (which holds evidence) above all."""
@@ -58,14 +49,6 @@ class Membership:
             idle = [i for i in instances if not mapped & set(self.held(service, i))]
             out += [(service, instance) for instance in idle[: len(gaps)]]
         return tuple(out)
-
-    def _refusal(self, service: str, capacity: int, wanted: tuple[str, ...]) -> str:
-        if service not in keys.ROBOT_SERVICES:
-            return f"{service!r} is not a service of a robot ({', '.join(keys.ROBOT_SERVICES)})"
-        if capacity < 1:
-            return f"capacity must be at least 1, got {capacity}"
-        strangers = [r for r in wanted if r not in self._robots]
-        return f"{', '.join(strangers)}: not in this run of {len(self._robots)} robots" if strangers else ""
 
     def held(self, service: str, instance: str) -> tuple[str, ...]:
         """Robots that this instance holds, in order."""

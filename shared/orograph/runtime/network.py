@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from orograph import keys
-from orograph.fields import Rejected
+from orograph.kinds import Rejected
 from orograph.messages import Envelope, Message
 from orograph.radio import delivers
 from orograph.randomness import stream

@@ -8,11 +8,11 @@ import time
 import uuid
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any
+from dataclasses import replace
 
 from orograph import keys
-from orograph.comms import wire
 from orograph.comms.bus import Bus
+from orograph.control import Answer, Claim, Grant, Release, Tick
 from orograph.messages import Frame
 from orograph.node import Node
 from orograph.runtime import metrics
@@ -37,18 +37,17 @@ class Ticks:
 
     def __init__(self, bus: Bus) -> None:
         self._changed = threading.Condition()
-        self._newest: dict[str, Any] | None = None
+        self._newest: Tick | None = None
         self.ended = False
-        bus.hear(keys.TICK, self._on_tick)
+        bus.hear(keys.TICK, Tick, self._on_tick)
 
-    def _on_tick(self, payload: bytes) -> None:
-        tick = wire.unpack_plain(payload)
+    def _on_tick(self, tick: Tick) -> None:
         with self._changed:
             self._newest = tick
-            self.ended = self.ended or tick["end"]
+            self.ended = self.ended or tick.end
             self._changed.notify_all()
 
-    def next(self, timeout_s: float) -> dict[str, Any] | None:
+    def next(self, timeout_s: float) -> Tick | None:
         """The newest tick, taken away; None when none comes in time."""
         with self._changed:
             if self._newest is None:
@@ -64,18 +63,15 @@ def claim(
 
     None are had when the run ends before, or this process is told to stop.
     """
-    question = wire.pack_plain(
-        {"service": service, "instance": instance, "capacity": settings.capacity, "wanted": list(settings.wanted)}
-    )
-    said = ""
+    question = Claim(service, instance, settings.capacity, settings.wanted)
+    silence, said = Grant((), "the orchestrator does not answer yet"), ""
     while not watchdog.stop.is_set() and not ticks.ended:
-        reply = bus.ask(keys.CLAIM, question, timeout_s=2.0)
-        silence: dict[str, Any] = {"robots": [], "reason": "the orchestrator does not answer yet"}
-        grant = wire.unpack_plain(reply) if reply else silence
-        if grant["robots"]:
-            return tuple(grant["robots"])
-        if grant["reason"] != said:
-            said = grant["reason"]
+        reply = bus.ask(keys.CLAIM, question, Grant, timeout_s=2.0)
+        grant = reply or silence
+        if grant.robots:
+            return grant.robots
+        if grant.reason != said:
+            said = grant.reason
             log.info("waiting for a robot: %s", said)
         watchdog.alive(ready=reply is not None)
         watchdog.stop.wait(CLAIM_EVERY_S)
@@ -90,41 +86,38 @@ class Participant:
     ) -> None:  # fmt: skip
         self._bus, self._host, self._instance, self._watchdog = bus, host, instance, watchdog
         self._frame_ns = scenario.frame_ns
-        self._names = [n.name for n in host.nodes]
-        self._last: dict[str, Any] = {}
+        self._last = Answer(instance, tuple(n.name for n in host.nodes), -1, {}, 0)
         self._answered_s = 0.0
         self._ticks = ticks
         self.released = False
-        bus.hear(keys.release_key(instance), self._on_release)
+        bus.hear(keys.release_key(instance), Release, self._on_release)
 
     def run(self) -> None:
         """Until the world ends the run, or this process is told to stop or to claim anew."""
         while not self._watchdog.stop.is_set() and not self.released:
             self._watchdog.alive()
             tick = self._ticks.next(JOIN_EVERY_S)
-            if tick is not None and tick["end"]:
+            if tick is not None and tick.end:
                 return
-            if tick is not None and self._instance in tick["roster"]:
+            if tick is not None and self._instance in tick.roster:
                 self._take(tick)
             elif time.monotonic() - self._answered_s > JOIN_EVERY_S:
-                self._answer(self._last or {"frame": -1, "sent": {}, "lost": 0})
+                self._answer()
 
-    def _on_release(self, _: bytes) -> None:
+    def _on_release(self, _: Release) -> None:
         self.released = True
 
-    def _take(self, tick: dict[str, Any]) -> None:
-        if tick["frame"] > self._last.get("frame", -1):
-            first = not self._last
-            frame = Frame(tick["frame"], tick["frame"] * self._frame_ns, self._frame_ns)
-            counted = {} if first else tick["counted"]
-            lost = self._host.step(frame, counted, frozenset(tick["down"]), tick["lockstep"], self._watchdog.stop)
-            self._last = {"frame": frame.index, "sent": self._bus.sent_table(), "lost": lost}
-        self._answer(self._last)
+    def _take(self, tick: Tick) -> None:
+        if tick.frame > self._last.frame:
+            frame = Frame(tick.frame, tick.frame * self._frame_ns, self._frame_ns)
+            counted = {} if self._last.frame < 0 else tick.counted
+            lost = self._host.step(frame, counted, frozenset(tick.down), tick.lockstep, self._watchdog.stop)
+            self._last = replace(self._last, frame=frame.index, sent=dict(self._bus.sent), lost=lost)
+        self._answer()
 
-    def _answer(self, answer: dict[str, Any]) -> None:
+    def _answer(self) -> None:
         self._answered_s = time.monotonic()
-        payload = {**answer, "instance": self._instance, "nodes": self._names}
-        self._bus.tell(keys.done_key(self._instance), wire.pack_plain(payload))
+        self._bus.tell(keys.done_key(self._instance), self._last)
 
 
 Built = tuple[Sequence[Node], dict[str, StageRecorder]]

@@ -6,6 +6,9 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from orograph.control import CAPACITY_MAX
+from orograph.keys import ROBOT_ID
+
 VARIABLES = {
     "OROGRAPH_SIM": "endpoint of the sim plane's router, tcp/HOST:PORT",
     "OROGRAPH_RADIO": "endpoint of the radio plane's router",
@@ -35,8 +38,8 @@ class Settings:
             os.environ["OROGRAPH_SIM"],
             os.environ["OROGRAPH_RADIO"],
             Path(os.environ["OROGRAPH_RUN_DIR"]),
-            int(os.environ.get("OROGRAPH_CAPACITY", "1")),
-            tuple(robot for robot in os.environ.get("OROGRAPH_ROBOT", "").split("+") if robot),
+            _capacity(os.environ.get("OROGRAPH_CAPACITY", "1")),
+            _robots(os.environ.get("OROGRAPH_ROBOT", "")),
         )
 
     @property
@@ -44,3 +47,16 @@ class Settings:
         """The variables that make a child process read the same settings."""
         values = (self.sim, self.radio, str(self.run_dir), str(self.capacity), "+".join(self.wanted))
         return {**os.environ, **dict(zip(VARIABLES, values, strict=True))}
+
+
+def _capacity(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= CAPACITY_MAX:
+        raise SystemExit(f"orograph: OROGRAPH_CAPACITY: expected 1 to {CAPACITY_MAX}, found {text!r}")
+    return int(text)
+
+
+def _robots(text: str) -> tuple[str, ...]:
+    robots = tuple(robot for robot in text.split("+") if robot)
+    if strange := [robot for robot in robots if not ROBOT_ID.fullmatch(robot)]:
+        raise SystemExit(f"orograph: OROGRAPH_ROBOT: expected ids such as robot_001, found {strange[0]!r}")
+    return robots

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from orograph import keys
 from orograph.comms import mailbox, wire
-from orograph.comms.mailbox import AHEAD_FRAMES_MAX, CUT_PATIENCE_S, Mailbox, routes_to
+from orograph.comms.mailbox import AHEAD_FRAMES_MAX, CUT_PATIENCE_S, Mailbox, streams_to
 from orograph.messages import (
     CELL,
     KINDS,
@@ -232,7 +232,9 @@ def test_senders_that_cannot_be_take_no_memory() -> None:
     assert box.counts["rejected_key"] == 1000 and not box.bytes_received
 
 
-def test_routes_are_a_nodes_own_and_its_groups() -> None:
-    table = {"sim": {"laser/*": {"world": 1}, "laser/robot_002": {"world": 2}}, "radio": {"map-manager": {"x": 3}}}
-    assert routes_to(["laser/robot_001"], table) == {("sim", "laser/*", "world"): 1}
-    assert routes_to(["map-manager"], table) == {("radio", "map-manager", "x"): 3}
+def test_streams_are_a_nodes_own_and_its_groups() -> None:
+    counted = {
+        "sim/laser/all/world/-": 1, "sim/laser/robot_002/world/-": 2, "radio/map-manager/-/robot-mapping/robot_001": 3
+    }  # fmt: skip
+    assert streams_to(["laser/robot_001"], counted) == {("sim", "laser/*", "world"): 1}
+    assert streams_to(["map-manager"], counted) == {("radio", "map-manager", "robot-mapping/robot_001"): 3}

@@ -10,23 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from orograph import keys
 from orograph.comms import wire
-from orograph.fields import (
-    Array,
-    AtMost,
-    Choice,
-    Flag,
-    Kind,
-    Number,
-    Raw,
-    Rejected,
-    Text,
-    Whole,
-    bytes_max,
-    kinds_of,
-    pack,
-    saturated,
-)
+from orograph.control import CONTROLS
+from orograph.fields import Part, bytes_max, kinds_of, pack, saturated
+from orograph.kinds import Array, AtMost, Choice, Each, Flag, Kind, Maybe, Number, Raw, Rejected, Table, Text, Whole
 from orograph.messages import (
     FRAGMENT_MAX_BYTES,
     KINDS,
@@ -39,6 +27,8 @@ from orograph.messages import (
     Pose,
     Scan,
 )
+
+ALL_KINDS = {**KINDS, **CONTROLS}
 
 
 def values_of(kind: Kind) -> st.SearchStrategy:
@@ -61,6 +51,14 @@ def values_of(kind: Kind) -> st.SearchStrategy:
         case Array():
             axes = [st.integers(0, min(5, a.items)) if isinstance(a, AtMost) else st.just(a) for a in kind.axes]
             return st.tuples(*axes).flatmap(lambda shape: _arrays(kind.dtype, shape))
+        case Each():
+            return st.lists(values_of(kind.of), max_size=min(3, kind.high)).map(tuple)
+        case Table():
+            return st.dictionaries(values_of(kind.key), values_of(kind.of), max_size=min(3, kind.high))
+        case Maybe():
+            return st.none() | values_of(kind.of)
+        case Part():
+            return st.builds(kind.cls, **{name: values_of(of) for name, of in kinds_of(kind.cls).items()})
     raise AssertionError(kind)
 
 
@@ -73,13 +71,16 @@ def _arrays(dtype: np.dtype, shape: tuple[int, ...]) -> st.SearchStrategy:
 
 @st.composite
 def messages(draw: st.DrawFn) -> object:
-    cls = KINDS[draw(st.sampled_from(sorted(KINDS)))]
+    cls = ALL_KINDS[draw(st.sampled_from(sorted(ALL_KINDS)))]
     return cls(**{name: draw(values_of(kind)) for name, kind in kinds_of(cls).items()})
 
 
 def _same(a: object, b: object) -> bool:
     pairs = [(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a)]
-    return all(np.array_equal(x, y) and getattr(x, "dtype", 0) == getattr(y, "dtype", 0) for x, y in pairs)
+    return all(
+        np.array_equal(x, y) and x.dtype == y.dtype if isinstance(x, np.ndarray) else (x, type(x)) == (y, type(y))
+        for x, y in pairs
+    )
 
 
 @settings(max_examples=300, suppress_health_check=[HealthCheck.too_slow])
@@ -150,10 +151,18 @@ def breaches(kind: Kind) -> list[object]:
             longer = [whole[0] + 1, *[0] * (len(whole) - 1)]
             return [[[], b""], [longer, bytes(math.prod(longer) * kind.dtype.itemsize)], [[1] * 9, b""], "x", None,
                     [[0] * len(whole), b"x"], [[-1] * len(whole), b""]]  # fmt: skip
+        case Each():
+            return [[kind.of.pack(minimal(kind.of))] * (kind.high + 1), [[]], "x", {}, None]
+        case Table():
+            return [{}.fromkeys(map(str, range(kind.high + 1)), 1), {"": []}, [], "x", None]
+        case Maybe():
+            return breaches(kind.of)[:3]
+        case Part():
+            return [{}, [], "x"]
     raise AssertionError(kind)
 
 
-FIELDS = [(cls, name) for cls in KINDS.values() for name in kinds_of(cls)]
+FIELDS = [(cls, name) for cls in ALL_KINDS.values() for name in kinds_of(cls)]
 
 
 @pytest.mark.parametrize(("cls", "name"), FIELDS, ids=lambda part: getattr(part, "__name__", part))
@@ -164,7 +173,7 @@ def test_every_bound_of_every_field_holds_at_both_ends(cls: type, name: str) -> 
             continue  # no number of msgpack's
         with pytest.raises(Rejected, match=name):
             wire.decode(cls, msgpack.packb([1, {**pack(whole), name: plain}]))
-        if not isinstance(plain, list):
+        if not isinstance(plain, list | dict):
             with pytest.raises(AssertionError, match=f"{cls.__name__}: .*{name}"):
                 wire.encode(dataclasses.replace(whole, **{name: plain}))
 
@@ -172,26 +181,38 @@ def test_every_bound_of_every_field_holds_at_both_ends(cls: type, name: str) -> 
 def minimal(kind: Kind) -> object:
     """The least that a field may hold."""
     match kind:
-        case Whole() | Number():
+        case Whole():
             return kind.low
+        case Number():
+            return float(kind.low)
         case Flag():
             return False
         case Text():
-            return ""
+            return {"": "", keys.ROBOT_ID.pattern: "robot_001"}.get(kind.pattern, "laser")
         case Choice():
             return kind.words[0]
         case Raw():
             return bytes(kind.low)
         case Array():
             return np.zeros([0 if isinstance(axis, AtMost) else axis for axis in kind.axes], kind.dtype)
+        case Each():
+            return ()
+        case Table():
+            return {}
+        case Maybe():
+            return None
+        case Part():
+            return kind.cls(**{name: minimal(of) for name, of in kinds_of(kind.cls).items()})
     raise AssertionError(kind)
 
 
 def utmost(kind: Kind) -> object:
     """The most that a field may hold, as large on the wire as can be."""
     match kind:
-        case Whole() | Number():
+        case Whole():
             return kind.high
+        case Number():
+            return float(kind.high)
         case Text(pattern=""):
             return "\U0001f916" * kind.high
         case Choice():

@@ -387,14 +387,14 @@ def test_unknown_waypoints_in_a_status_are_not_believed() -> None:
 
 def test_how_things_stand_is_told_while_and_after_a_robot_is_silent() -> None:
     run = Run(street(2, 8))
-    assert run.node.standing is None
+    assert run.node.status.phase == "starting" and run.node.status.manager is None
     run.until(5)
-    told = run.node.standing
-    assert told is not None and told.manager is not None
+    told = run.node.status
+    assert told.manager is not None
     assert (told.sim_time_s, told.phase, told.manager.hash) == (4.0, "mapping", "6d" * 16)
     assert [r.copy_held.version for r in told.robots if r.copy_held] == [7, 7]
     run.drivers["robot_002"].deaf = True
     run.until(12)
-    one, two = run.node.standing.robots
+    one, two = run.node.status.robots
     assert one.drive_silent_s < 1.0 and one.copy_held.silent_s < 1.0
     assert two.drive_silent_s > 5.0 and two.copy_held.silent_s == two.drive_silent_s and two.state == "driving"

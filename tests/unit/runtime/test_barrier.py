@@ -4,6 +4,8 @@ from collections.abc import Callable
 
 import pytest
 from orograph.comms import wire
+from orograph.control import INSTANCES_MAX, Answer, Tick
+from orograph.kinds import Rejected
 from orograph.runtime.barrier import Barrier
 
 
@@ -13,16 +15,15 @@ class Wire:
     def watch_alive(self, callback: Callable[[str, str, tuple[str, ...], bool], None]) -> None:
         self.token = lambda instance, alive: callback("laser", instance, (), alive)
 
-    def hear(self, key: str, callback: Callable[[bytes], None]) -> None:
+    def hear(self, key: str, kind: type[Answer], callback: Callable[[Answer], None]) -> None:
         self.answer = callback
 
-    def tell(self, key: str, payload: bytes) -> None:
-        pass
+    def tell(self, key: str, tick: Tick) -> None:
+        self.told = tick
 
     def join(self, instance: str) -> None:
         self.token(instance, True)
-        answer = {"instance": instance, "nodes": [instance], "frame": -1, "sent": {}, "lost": 0}
-        self.answer(wire.pack_plain(answer))
+        self.answer(Answer(instance, (instance,), -1, {}, 0))
 
 
 @pytest.fixture
@@ -58,3 +59,13 @@ def test_any_change_after_it_is_remembered(bus: Wire, barrier: Barrier, event: C
     event(bus)
     barrier.tick(1, {})
     assert not barrier.steady
+
+
+def test_a_crowd_cannot_make_a_tick_that_cannot_be_carried(bus: Wire, barrier: Barrier) -> None:
+    for i in range(INSTANCES_MAX - 2):
+        bus.join(f"crowd-{i}")
+    with pytest.raises(Rejected, match="full"):
+        bus.join("one-more")
+    bus.join("a")
+    assert len(barrier.tick(0)) == INSTANCES_MAX
+    wire.encode(bus.told)

@@ -11,6 +11,7 @@ from orograph import keys
 from orograph.comms import wire
 from orograph.comms.bus import Bus
 from orograph.comms.mailbox import Mailbox
+from orograph.control import Figures, Tick
 from orograph.fields import kinds_of
 from orograph.messages import Frame, Message, Sensors
 from orograph.nodes.navigator import NavigatorNode
@@ -31,7 +32,7 @@ class Unplugged(Bus):
     def send(self, sender: str, plane: str, to: str, message: Message) -> None:
         pass
 
-    def show(self, node_name: str, payload: bytes) -> None:
+    def show(self, node_name: str, figures: Figures) -> None:
         pass
 
 
@@ -48,7 +49,7 @@ def host(bus: Unplugged, city_scenario: Scenario, tmp_path: Path) -> Iterator[No
 
 
 def test_losses_are_told_in_the_frame_that_finds_them(bus: Unplugged, host: NodeHost) -> None:
-    counted = {keys.SIM: {NAME: {keys.WORLD: 1}}}
+    counted = {keys.stream_name(keys.SIM, NAME, keys.WORLD): 1}
 
     def step(index: int) -> int:
         return host.step(Frame(index, index * 10**8, 10**8), counted, frozenset(), True, threading.Event())
@@ -83,3 +84,15 @@ def test_bytes_may_still_come_while_they_are_saved(
         stop.set()
         thread.join()
     assert json.loads((tmp_path / bytes_file("navigator")).read_text())["down"]
+
+
+def test_what_could_not_be_taken_is_noted_once_a_change(bus: Unplugged, host: NodeHost, tmp_path: Path) -> None:
+    take = bus.callbacks.guarded("tick", lambda payload: wire.decode(Tick, payload))
+    for index, junk in enumerate([b"", b"x", None, b"y"], start=1):
+        if junk is not None:
+            take(junk)
+        host._shown_s = 0.0
+        host.step(Frame(index, index * 10**8, 10**8), {}, frozenset(), True, threading.Event())
+    events = [json.loads(line) for line in (tmp_path / "parts/events/navigator.jsonl").read_text().splitlines()]
+    counts = [event["callback_errors_tick"] for event in events if event["event"] == "control-refused"]
+    assert counts == [1, 2, 3]

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from orograph import fields, keys
+from orograph import fields, keys, kinds
 from orograph.comms import wire
 from orograph.comms.bus import Bus
 from orograph.comms.mailbox import Mailbox
@@ -148,8 +148,8 @@ def test_reasons_are_shown_before_they_happen() -> None:
     figures = Figures()
     figures.show({"map-manager": {}}, {"lost": 0.0})
     exported = samples(figures)
-    source = inspect.getsource(wire) + inspect.getsource(fields)
-    reasons = set(re.findall(r'(?:Rejected\(|_require\(.*?, )"(\w+)"', source))
+    source = inspect.getsource(wire) + inspect.getsource(fields) + inspect.getsource(kinds)
+    reasons = set(re.findall(r'(?:Rejected\(|require\(.*?, )"(\w+)"', source))
     assert {"crc", "range", "shape"} <= reasons
     for reason in reasons:
         assert exported["orograph_mailbox_rejected_messages_total", (("reason", reason),)] == 0

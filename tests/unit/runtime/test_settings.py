@@ -25,3 +25,14 @@ def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(variable, raising=False)
     with pytest.raises(SystemExit, match=r"OROGRAPH_SIM .*OROGRAPH_RADIO .*OROGRAPH_RUN_DIR"):
         Settings.from_environment()
+
+
+@pytest.mark.parametrize(("variable", "value"), [("CAPACITY", "0"), ("CAPACITY", "two"), ("CAPACITY", "1000"),
+                                                 ("ROBOT", "robot_1"), ("ROBOT", "robot_001+moon")])  # fmt: skip
+def test_what_cannot_be_is_one_line(monkeypatch: pytest.MonkeyPatch, variable: str, value: str) -> None:
+    for name in VARIABLES:
+        monkeypatch.setenv(name, "x" if name not in ("OROGRAPH_CAPACITY", "OROGRAPH_ROBOT") else "")
+    monkeypatch.setenv("OROGRAPH_CAPACITY", "1")
+    monkeypatch.setenv(f"OROGRAPH_{variable}", value)
+    with pytest.raises(SystemExit, match=f"OROGRAPH_{variable}: expected .*, found "):
+        Settings.from_environment()
