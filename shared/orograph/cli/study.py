@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import json
-from dataclasses import asdict
+import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
@@ -14,12 +12,9 @@ from rich.table import Table
 from orograph.cli.run import shown
 from orograph.errors import InputError
 from orograph.launch.lifecycle import resolve, run
-from orograph.storage.results import Summary
-from orograph.storage.run_folder import STUDY, STUDY_PAGE, new_folder, write_whole
+from orograph.storage.results import Study, StudyRow, Summary
+from orograph.storage.run_folder import STUDY_PAGE, new_folder, write_whole
 from orograph.storage.scenario_file import load_scenario
-
-if TYPE_CHECKING:
-    from orograph.report.study import StudyRow
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -54,8 +49,7 @@ def main(args: argparse.Namespace) -> int:
         summaries.append((folder.name, Summary.read(folder)))
     rows = study_rows(summaries, same_cells_times_s([out / name for name, _ in summaries]))
     write_whole(out / STUDY_PAGE, render_study(asked.title, rows))
-    figures = {"scenario": asked.name, "rows": [asdict(row) for row in rows]}
-    write_whole(out / STUDY, json.dumps(figures, indent=2) + "\n")
+    Study(scenario=asked.name, rows=tuple(rows)).write(out)
     Console().print(table(asked.name, rows))
     print(f"study: {out / STUDY_PAGE}")
     return 0
@@ -83,10 +77,12 @@ def table(name: str, rows: list[StudyRow]) -> Table:
     ):
         out.add_column(heading, justify="right")
     for row in rows:
-        covered = None if row.coverage is None else 100 * row.coverage
         figures = (
             (row.paper_s, 0), (row.paper_speed_up, 2), (row.mapping_s, 1), (row.speed_up, 2),
-            (covered, 1), (row.rtf, 1),
+            (100 * row.coverage, 1), (row.rtf, 1),
         )  # fmt: skip
-        out.add_row(str(row.robots), *("-" if value is None else f"{value:.{digits}f}" for value, digits in figures))
+        out.add_row(
+            str(row.robots),
+            *("-" if value is None or math.isnan(value) else f"{value:.{digits}f}" for value, digits in figures),
+        )
     return out

@@ -11,8 +11,9 @@ from orograph.judge.score import CONFIDENCE_BINS, OCCUPIED, SHARES
 from orograph.judge.summary import Verdict
 from orograph.judge.timing import PAPER_ROBOTS, PAPER_TABLE_3_S, table_2
 from orograph.report.gallery import gallery
-from orograph.report.study import StudyRow, mapping_times
+from orograph.report.study import mapping_times
 from orograph.storage.parts import RunParts
+from orograph.storage.results import StudyRow
 
 COMPARED = (
     ("Ground away from walls: RMSE [m]", "ground_away_rmse_m", "ground_away_cells", 3, -1),

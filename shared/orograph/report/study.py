@@ -3,35 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
 from orograph.judge.timing import PAPER_TABLE_3_S
 from orograph.report import palette
 from orograph.report.palette import Picture
-from orograph.storage.results import Summary
-
-
-@dataclass(frozen=True)
-class StudyRow:
-    """Mapping time [s of simulation] with one number of robots, and how much faster that is than with one."""
-
-    robots: int
-    paper_s: float | None
-    paper_speed_up: float | None
-    mapping_s: float | None
-    """Until 95 % of the same cells for all rows had confidence 64; None where a run never got there."""
-    speed_up: float | None
-    coverage: float | None
-    sim_time_s: float
-    rtf: float | None
-    height_rmse_m: float | None
-    """Global map against ideal scans."""
-    copies_hash_equal: bool | None
-    cells_lost: int | None
-    run: str
-    """Folder of the run, beside study.json."""
+from orograph.storage.results import StudyRow, Summary
 
 
 def study_rows(summaries: Sequence[tuple[str, Summary]], times_s: Mapping[int, float | None]) -> list[StudyRow]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError, WithJsonSchema
 
-from orograph.storage.run_folder import RUN, START, SUMMARY, WORLD, FolderError, read_text, write_whole
+from orograph.storage.run_folder import RUN, START, STUDY, SUMMARY, WORLD, FolderError, read_text, write_whole
 
 if TYPE_CHECKING:
     from orograph.messages import RunEnd
@@ -203,6 +203,35 @@ class Spread(_Frozen):
 
     p50: Figure
     p95: Figure
+
+
+class StudyRow(_Frozen):
+    """Mapping time [s of simulation] with one number of robots, and how much faster that is than with one."""
+
+    robots: int
+    paper_s: float | None
+    paper_speed_up: float | None
+    mapping_s: float | None
+    """Until 95 % of the same cells for all rows had confidence 64; None where a run never got there."""
+    speed_up: float | None
+    coverage: Figure
+    sim_time_s: float
+    rtf: float | None
+    height_rmse_m: Figure
+    """Global map against ideal scans."""
+    copies_hash_equal: bool | None
+    cells_lost: int | None
+    run: str
+    """Folder of the run, beside study.json."""
+
+
+class Study(_Result):
+    """One scenario with different numbers of robots."""
+
+    FILE: ClassVar[str] = STUDY
+
+    scenario: str
+    rows: tuple[StudyRow, ...]
 
 
 class Summary(_Result):
