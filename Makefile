@@ -18,6 +18,7 @@ $(STAMP): requirements.lock requirements-test.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock -r requirements-test.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@find shared -name '*.nb[ic]' -delete  # compiled kernels of another version may name modules that are gone
 	@touch $@
 
 demo: setup ## map a district of Helsinki with three robots and write its report
