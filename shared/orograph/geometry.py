@@ -75,3 +75,8 @@ def ray_directions(laser: LaserSpec) -> F32:
     x, y = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth)
     z = np.broadcast_to(np.sin(elevation), shape)
     return np.stack([x, y, z], axis=-1).astype(np.float32)
+
+
+def laser_position_m(laser: LaserSpec, R_map_robot: F64, position_m: F64) -> F64:
+    """Origin (3,) of the rays in the map frame: straight above the robot's own origin."""
+    return np.asarray(position_m + R_map_robot[:, 2] * laser.height_above_base_m, np.float64)

@@ -9,14 +9,13 @@ import numpy.typing as npt
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore import EmbreeDevice
 from embreex.rtcore_scene import EmbreeScene
-from orograph.geometry import quaternion, ray_directions, rotation, rotation_from_quaternion
+from orograph.geometry import laser_position_m, quaternion, ray_directions, rotation, rotation_from_quaternion
 from orograph.messages import POSE, Packed
 from orograph.scenario import Scenario
 from orograph.scene import Scene, build_scene
 from orograph.scene.mesh import joined
 from orograph.sensing import Laser
 from orograph.sensing.casting import TILE_M
-from orograph.sensing.laser import laser_position_m
 from orograph.storage.scenario_file import load_scenario
 
 SCANS = 200

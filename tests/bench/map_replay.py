@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from orograph.arrays import F64, Mask
-from orograph.geometry import ray_directions, rotation
+from orograph.geometry import laser_position_m, ray_directions, rotation
 from orograph.grid import Grid
 from orograph.judge.improvement import prior_over
 from orograph.judge.map_truth import window
@@ -123,4 +123,4 @@ def believed(scan: np.void, laser: LaserSpec) -> tuple[F64, F64]:
     """(R_map_robot, laser's position [m]) by the pose that a recorded SCAN came with, as the mapping node has them."""
     R_map_robot = rotation(float(scan["roll_rad"]), float(scan["pitch_rad"]), float(scan["yaw_rad"]))
     position_m = np.array([scan["x_m"], scan["y_m"], scan["z_m"]])
-    return R_map_robot, position_m + laser.height_above_base_m * R_map_robot[:, 2]
+    return R_map_robot, laser_position_m(laser, R_map_robot, position_m)

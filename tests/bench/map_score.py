@@ -27,7 +27,7 @@ import numpy as np
 from bench import map_replay, map_street, map_tables
 from bench.map_recording import Mission, recorded
 from bench.map_replay import Replay, believed
-from orograph.geometry import ray_directions, rotation_from_quaternion
+from orograph.geometry import laser_position_m, ray_directions, rotation_from_quaternion
 from orograph.judge.map_obstacles import SIGHTING, Body, ghosts, obstacle_figures, sightings
 from orograph.judge.map_score import Judged, calibration, confident, judged, map_figures, wrong_though_sure
 from orograph.judge.map_truth import NEAR_GLRM, NEAR_HRM, PLACES_GLRM, PLACES_HRM, MapTruth, true_map, window
@@ -36,7 +36,6 @@ from orograph.launch.machine import commit
 from orograph.points import points_from_ranges
 from orograph.scenario import Scenario
 from orograph.scene import Scene, build_scene
-from orograph.sensing.laser import laser_position_m
 from orograph.storage.run_folder import cache_folder
 from orograph.storage.scenario_file import load_scenario
 from rich.console import Console

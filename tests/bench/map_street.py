@@ -12,13 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from bench.map_replay import Replay
 from orograph.arrays import F64
+from orograph.geometry import laser_position_m
 from orograph.judge.map_changes import time_to_clear_s, time_to_find_s
 from orograph.judge.map_obstacles import Body, remains, shows
-from orograph.scenario import Building, Scenario
+from orograph.randomness import key
+from orograph.scenario import Building, Change, Parked, Scenario
 from orograph.scene import build_scene
+from orograph.scene.bodies import standing_robot
+from orograph.scene.changes import epoch
 from orograph.sensing.bodies import NO_BOXES, Boxes
-from orograph.sensing.laser import RangeImager, laser_position_m
-from orograph.sensing.truth import standing
+from orograph.sensing.laser import RangeImager
 
 STREET = Scenario.model_validate({
     "name": "street", "title": "A street that changes", "starts": [{"x_m": 70, "y_m": 100}], "robots": 1,
@@ -28,8 +31,8 @@ STREET = Scenario.model_validate({
                   for y in (80.3, 112.2) for x in (40.4, 124.3)],
 })  # fmt: skip
 HOUSE = Building(footprint=((92.3, 107.5), (102.3, 107.5), (102.3, 117.5), (92.3, 117.5)), height_m=6.0)
+PARKED = Parked(x_m=97.0, y_m=94.5)
 CAR_M = np.array([4.2, 1.8, 1.6])
-PARKED_M = np.array([97.0, 94.5, 0.0])
 LANE_FROM_M, LANE_Y_M, CAR_MPS = 72.0, 104.0, 5.0
 RAIL_M, ROBOT_MPS = (70.0, 125.0), 2.5
 STAND_M = 88.0
@@ -66,19 +69,26 @@ class View:
 
 def views(course: Course, seed: int) -> Iterator[View]:
     """The scans of a course."""
-    street = build_scene(STREET)
-    with_house = build_scene(STREET.model_copy(update={"buildings": (*STREET.buildings, HOUSE)}))
-    imagers = [RangeImager(scene, STREET.laser) for scene in (street, with_house)]
-    drawn, rays = np.random.default_rng(seed), STREET.laser.rings * STREET.laser.columns
+    street, still, imagers = _changing(course), build_scene(STREET), {}
     for k in range(_scans(course)):
         stamp_s = k * PERIOD_NS * 1e-9
-        there = BEGIN_S <= stamp_s < BEGIN_S + _present_s(course)
-        bodies = _bodies(course, stamp_s) if there else ()
-        R_map_robot, position_m = standing(street, *_on_rails(course, stamp_s))
-        draws = drawn.integers(0, 2**16, (2, rays), np.uint16)
-        imager = imagers[there and course.what == "house"]
-        ranges = imager.image(R_map_robot, position_m, boxes(bodies), draws)
+        if (now := epoch(street, k * PERIOD_NS)) not in imagers:
+            imagers[now] = RangeImager(build_scene(street, k * PERIOD_NS), street.laser)
+        there = course.what == "traffic" and BEGIN_S <= stamp_s < BEGIN_S + PASSING_S
+        bodies = (_passer_by(stamp_s),) if there else ()
+        R_map_robot, position_m = standing_robot(still, *_on_rails(course, stamp_s))
+        ranges = imagers[now].image(R_map_robot, position_m, boxes(bodies), key(seed, "street", frame=k))
         yield View(stamp_s, R_map_robot, position_m, ranges, bodies)
+
+
+def _changing(course: Course) -> Scenario:
+    end_s = BEGIN_S + PRESENT_S
+    changes = {
+        "car": [Change(at_s=BEGIN_S, until_s=end_s, park=PARKED)],
+        "house": [Change(at_s=BEGIN_S, until_s=end_s, build=HOUSE)],
+        "traffic": [],
+    }
+    return STREET.model_copy(update={"changes": tuple(changes[course.what])})
 
 
 def _scans(course: Course) -> int:
@@ -89,13 +99,8 @@ def _present_s(course: Course) -> float:
     return PASSING_S if course.what == "traffic" else PRESENT_S
 
 
-def _bodies(course: Course, stamp_s: float) -> tuple[Body, ...]:
-    if course.what == "house":
-        return ()
-    foot_m = PARKED_M
-    if course.what == "traffic":
-        foot_m = np.array([LANE_FROM_M + CAR_MPS * (stamp_s - BEGIN_S), LANE_Y_M, 0.0])
-    return (Body(foot_m, CAR_M, np.eye(3)),)
+def _passer_by(stamp_s: float) -> Body:
+    return Body(np.array([LANE_FROM_M + CAR_MPS * (stamp_s - BEGIN_S), LANE_Y_M, 0.0]), CAR_M, np.eye(3))
 
 
 def boxes(bodies: tuple[Body, ...]) -> Boxes:
@@ -141,10 +146,20 @@ def run_course(seen: Sequence[View], course: Course, rules: str, tick: Callable[
 
 def _place(course: Course) -> Body:
     if course.what == "car":
-        return Body(PARKED_M, CAR_M, np.eye(3))
+        return Body(np.array([PARKED.x_m, PARKED.y_m, 0.0]), np.array(PARKED.size_m), np.eye(3))
     if course.what == "house":
         low, high = np.array(HOUSE.footprint[0]), np.array(HOUSE.footprint[2])
         return Body(np.array([*(low + high) / 2, 0.0]), np.array([*(high - low), HOUSE.height_m]), np.eye(3))
     driven_m = CAR_MPS * PASSING_S
     middle_m = np.array([LANE_FROM_M + driven_m / 2, LANE_Y_M, 0.0])
     return Body(middle_m, CAR_M + np.array([driven_m, 0.0, 0.0]), np.eye(3))
+
+
+def worst(times: Sequence[dict[str, float | None]]) -> dict[str, float | None]:
+    """Of several runs of one course: the longest times, None for never first, NaN for nothing to clear last."""
+    out: dict[str, float | None] = {}
+    for name in times[0]:
+        each = [math.inf if (time := t[name]) is None else time for t in times]
+        longest = max((time for time in each if not math.isnan(time)), default=math.nan)
+        out[name] = None if math.isinf(longest) else longest
+    return out

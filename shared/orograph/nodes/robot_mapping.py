@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph import keys
-from orograph.geometry import ray_directions, rotation
+from orograph.geometry import laser_position_m, ray_directions, rotation
 from orograph.layers import UNKNOWN_OCCUPATION, CellMap
 from orograph.mapping import RobotMapper
 from orograph.mapping.cells import values_of
@@ -63,7 +63,7 @@ class RobotMappingNode:
         self._sync = RobotSync(robot, grid.shape, prior, nonce, seed, limits)
         self._offered = Held(grid.size)
         self._arrivals = ScanPoseSync(POSE_WAIT_FRAMES * scenario.frame_ns)
-        self._directions, self._laser_height_m = ray_directions(scenario.laser), scenario.laser.height_above_base_m
+        self._laser, self._directions = scenario.laser, ray_directions(scenario.laser)
         self._initial_hrm: CellMap | None = None
         self._flushing = self._flushed = False
         self._scans = 0
@@ -108,12 +108,12 @@ class RobotMappingNode:
             return
         R_map_robot = rotation(pose.roll_rad, pose.pitch_rad, pose.yaw_rad)
         position_m = np.array([pose.x_m, pose.y_m, pose.z_m])
-        laser_position_m = position_m + self._laser_height_m * R_map_robot[:, 2]
+        eye_m = laser_position_m(self._laser, R_map_robot, position_m)
         if self._initial_hrm is None:
-            self._mapper.roll_to(laser_position_m)
+            self._mapper.roll_to(eye_m)
             self._initial_hrm = self._mapper.hrm(self._prior)
         self._scans += 1
-        updated = self._mapper.step_scan(scan.ranges, self._directions, R_map_robot, laser_position_m, scan.stamp_ns)
+        updated = self._mapper.step_scan(scan.ranges, self._directions, R_map_robot, eye_m, scan.stamp_ns)
         self._offer(self._offered.moved(updated))
 
     def _offer(self, records: Packed) -> None:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from orograph import keys
 from orograph.arrays import F64
-from orograph.geometry import ray_directions, rotation_from_quaternion
+from orograph.geometry import laser_position_m, ray_directions, rotation_from_quaternion
 from orograph.grid import Grid
 from orograph.judge.improvement import prior_over
 from orograph.judge.summary import Verdict, glrm_errors
@@ -199,7 +199,7 @@ def _scene(parts: RunParts, verdict: Verdict) -> Picture | None:
 
 def _last_points(scenario: Scenario, laser: Any) -> F64:
     R_map_robot = rotation_from_quaternion(laser["last_quaternion_wxyz"])
-    eye_m = laser["last_position_m"] + R_map_robot @ np.array([0.0, 0.0, scenario.laser.height_above_base_m])
+    eye_m = laser_position_m(scenario.laser, R_map_robot, laser["last_position_m"])
     points, _ = points_from_ranges(laser["last_ranges"], ray_directions(scenario.laser), R_map_robot, eye_m)
     return points
 

@@ -10,9 +10,7 @@ from numba import njit
 from orograph.arrays import F64, U1
 from orograph.messages import Packed
 from orograph.scenario import Scenario
-
-ROBOT_CLEARANCE_M = 0.1
-"""A robot's box reaches from this far above the ground to the robot's height."""
+from orograph.scene.bodies import robot_box, vehicle_box
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +29,9 @@ class Bodies:
     """The boxes of a scenario's robots and vehicles wherever they are."""
 
     def __init__(self, scenario: Scenario) -> None:
-        length, width, height = scenario.robot.size_m
-        clearance = min(ROBOT_CLEARANCE_M, 0.5 * height)
-        self._robot_m = np.array([length, width, height - clearance, clearance])
+        self._robot_m = np.array(robot_box(scenario.robot))
         self._robots, self._sizes_m = -1, np.zeros((0, 4))
-        self._vehicles_m = np.array([(*vehicle.size_m, 0.0) for vehicle in scenario.vehicles]).reshape(-1, 4)
+        self._vehicles_m = np.array([vehicle_box(vehicle) for vehicle in scenario.vehicles]).reshape(-1, 4)
 
     def boxes(self, poses: Packed, own: int, reach_m: float) -> Boxes:
         """Boxes of all present bodies that could lie within reach of body `own`, without that body.

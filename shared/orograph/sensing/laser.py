@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from orograph.arrays import F32, F64
-from orograph.geometry import ray_directions, rotation_from_quaternion
+from orograph.geometry import laser_position_m, ray_directions, rotation_from_quaternion
 from orograph.keys import robot_number
 from orograph.messages import RANGE_UNIT_M, Packed
 from orograph.randomness import key
@@ -17,11 +17,6 @@ from orograph.scene import Scene
 from orograph.sensing.bodies import Bodies, Boxes
 from orograph.sensing.casting import RayCaster
 from orograph.sensing.ray_kernels import range_image
-
-
-def laser_position_m(laser: LaserSpec, R_map_robot: F64, position_m: F64) -> F64:
-    """Origin of the rays in the map frame: straight above the robot's own origin."""
-    return np.asarray(position_m + R_map_robot[:, 2] * laser.height_above_base_m, np.float64)
 
 
 def _noise_quantiles(sigma_m: float) -> F32:

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
 import numpy.typing as npt
 
 from orograph.arrays import F32, F64, Mask
+from orograph.geometry import laser_position_m
 from orograph.grid import Grid
 from orograph.layers import Layer
 from orograph.points import points_from_ranges
 from orograph.scene import Scene
+from orograph.scene.bodies import standing_robot
 from orograph.scene.mesh import joined
 from orograph.scene.prior import COVERED
 from orograph.scene.terrain import ground_gradient
 from orograph.sensing.bodies import NO_BOXES
 from orograph.sensing.embree import LANES, Device, Solid
-from orograph.sensing.laser import RangeImager, laser_position_m
+from orograph.sensing.laser import RangeImager
 
 
 def _heights_from_above(scene: Scene, grid: Grid) -> tuple[F64, Mask]:
@@ -59,17 +60,6 @@ def top_surface(scene: Scene, grid: Grid, samples_per_cell: int = 4) -> tuple[La
     return _block_mean(height, samples_per_cell).astype(np.float32), occupied
 
 
-def standing(scene: Scene, x_m: float, y_m: float, yaw_rad: float) -> tuple[F64, F64]:
-    """(R_map_robot (3, 3), position (3,)) of a robot that stands still on the ground, upright to its slope."""
-    gradient_x, gradient_y = (float(g) for g in ground_gradient(scene.scenario.terrain, x_m, y_m))
-    up = np.array([-gradient_x, -gradient_y, 1.0]) / np.sqrt(1 + gradient_x**2 + gradient_y**2)
-    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
-    ahead = np.array([c, s, gradient_x * c + gradient_y * s])
-    ahead /= math.hypot(*ahead)
-    R_map_robot = np.stack([ahead, np.cross(up, ahead), up], axis=1)
-    return R_map_robot, np.array([x_m, y_m, float(scene.height_m(x_m, y_m))])
-
-
 def dense_scans(scene: Scene, poses: npt.ArrayLike, density: int = 2) -> Iterator[tuple[F64, F32, F64]]:
     """Per pose (x, y, yaw) of `poses` (n, 3): collision points (k, 3), their ranges (k,), the position (3,) [m].
 
@@ -81,7 +71,7 @@ def dense_scans(scene: Scene, poses: npt.ArrayLike, density: int = 2) -> Iterato
     laser = spec.model_copy(update={**size, "noise_m": 0.0, "dropout": 0.0})
     camera = RangeImager(scene, laser)
     for x_m, y_m, yaw_rad in np.asarray(poses, np.float64).reshape(-1, 3):
-        R_map_robot, position_m = standing(scene, x_m, y_m, yaw_rad)
+        R_map_robot, position_m = standing_robot(scene, x_m, y_m, yaw_rad)
         ranges = camera.image(R_map_robot, position_m, NO_BOXES, np.uint64(0))
         eye_m = laser_position_m(laser, R_map_robot, position_m)
         yield *points_from_ranges(ranges, camera.directions, R_map_robot, eye_m), position_m

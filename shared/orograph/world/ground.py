@@ -1,11 +1,10 @@
-"""The static part of the world as one DART skeleton, and how a body stands on the ground.
+"""The static part of the world as one DART skeleton, and poses as DART takes them.
 
 dartpy builds a mesh shape only from a file, so the triangles pass through a temporary one.
 """
 
 from __future__ import annotations
 
-import math
 import tempfile
 from pathlib import Path
 
@@ -14,10 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph.arrays import F64
-from orograph.scene import Mesh, Scene
+from orograph.scene import Mesh
 from orograph.scene.mesh import joined
-
-Vector = tuple[float, float, float]
 
 KEEL_DEPTH_M = 50.0
 PLY_FACE = np.dtype([("corners", "u1"), ("vertices", "<i4", (3,))])
@@ -57,26 +54,6 @@ def _binary_ply(mesh: Mesh) -> bytes:
         f"element face {len(mesh.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
     return header.encode() + mesh.vertices.astype("<f4").tobytes() + faces.tobytes()
-
-
-def standing_rotation(scene: Scene, x_m: float, y_m: float, yaw_rad: float, size_m: tuple[float, float]) -> F64:
-    """R_map_body (3, 3) of a body of length and width `size_m` that stands on the ground with this heading."""
-    half_length, half_width = 0.5 * size_m[0], 0.5 * size_m[1]
-    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-    x_places = x_m + np.array([c * half_length, -c * half_length, -s * half_width, s * half_width])
-    y_places = y_m + np.array([s * half_length, -s * half_length, c * half_width, -c * half_width])
-    ahead, behind, left, right = scene.height_m(x_places, y_places).tolist()
-    rise, climb = (ahead - behind) / size_m[0], (left - right) / size_m[1]
-    x_length, z_length = math.sqrt(1 + rise * rise), math.sqrt(1 + rise * rise + climb * climb)
-    x_axis = c / x_length, s / x_length, rise / x_length
-    # (c, s, rise) x (-s, c, climb)
-    z_axis = (s * climb - c * rise) / z_length, (-s * rise - c * climb) / z_length, 1 / z_length
-    return np.array([x_axis, _cross(z_axis, x_axis), z_axis]).T
-
-
-def _cross(a: Vector, b: Vector) -> Vector:
-    """`np.cross` of two plain vectors, which costs fifty times as much."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def isometry(R: F64, position_m: npt.ArrayLike) -> dart.math.Isometry3:

@@ -14,13 +14,12 @@ import numpy.typing as npt
 
 from orograph.arrays import F64
 from orograph.scenario import RobotSpec
+from orograph.scene.bodies import robot_box
 from orograph.world.ground import isometry
 
 WHEEL_FRICTION = 0.0
 CHASSIS_FRICTION = 0.3
 WHEEL_MASS_SHARE = 0.03
-CLEARANCE_OF_RADIUS = 0.75
-"""Ground clearance under the chassis as a share of the wheel radius."""
 AXLE_INERTIA_KGM2 = 0.05
 """Of one wheel about its axle, its motor's rotor as seen through the gear included."""
 WHEELS = ((1, 1), (1, -1), (-1, 1), (-1, -1))
@@ -60,12 +59,11 @@ class RobotBody:
         return np.array(self._chassis.getLinearVelocity())
 
     def _add_chassis(self, spec: RobotSpec) -> None:
-        length, width, height = spec.size_m
-        clearance = CLEARANCE_OF_RADIUS * spec.wheel_radius_m
-        box = dart.dynamics.BoxShape([length, width, height - clearance])
-        self._add_shape(box, [0.0, 0.0, 0.5 * (clearance + height)], CHASSIS_FRICTION)
+        chassis = robot_box(spec)
+        box = dart.dynamics.BoxShape(chassis[:3])
+        self._add_shape(box, chassis.centre_m, CHASSIS_FRICTION)
         # Batteries and motors sit low: a third up the box.
-        box_com_m, box_kg = clearance + (height - clearance) / 3, spec.mass_kg * (1 - 4 * WHEEL_MASS_SHARE)
+        box_com_m, box_kg = chassis.clearance_m + chassis.height_m / 3, spec.mass_kg * (1 - 4 * WHEEL_MASS_SHARE)
         com_m = (box_kg * box_com_m + (spec.mass_kg - box_kg) * spec.wheel_radius_m) / spec.mass_kg
         moment_kgm2 = box.computeInertiaFromMass(box_kg) + _of_points(
             [box_kg] + 4 * [WHEEL_MASS_SHARE * spec.mass_kg],

@@ -8,22 +8,20 @@ import numpy as np
 from orograph.arrays import F64
 from orograph.geometry import roll_pitch_yaw
 from orograph.scenario import Vehicle
+from orograph.scene.bodies import vehicle_box
 from orograph.world.ground import isometry
-
-CLEARANCE_M = 0.2
 
 
 class VehicleBody:
-    """A kinematic box; its frame's origin is the centre of the box's bottom face."""
+    """A kinematic box; its frame's origin is on the ground under the box's centre."""
 
     def __init__(self, name: str, vehicle: Vehicle) -> None:
         self.skeleton = dart.dynamics.Skeleton(name)
         self._joint, self.node = self.skeleton.createFreeJointAndBodyNodePair()
         self._joint.setActuatorType(dart.dynamics.VELOCITY)
-        length, width, height = vehicle.size_m
-        clearance = min(CLEARANCE_M, 0.5 * height)
-        shape = self.node.createShapeNode(dart.dynamics.BoxShape([length, width, height - clearance]))
-        shape.setRelativeTranslation([0.0, 0.0, 0.5 * (clearance + height)])
+        box = vehicle_box(vehicle)
+        shape = self.node.createShapeNode(dart.dynamics.BoxShape(box[:3]))
+        shape.setRelativeTranslation(box.centre_m)
         shape.createCollisionAspect()
         shape.createDynamicsAspect()
         self.R, self.position_m = np.eye(3), np.zeros(3)

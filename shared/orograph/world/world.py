@@ -14,8 +14,9 @@ from orograph.keys import robot_number
 from orograph.messages import POSE, Packed
 from orograph.scenario import Scenario
 from orograph.scene import build_scene
+from orograph.scene.bodies import standing_robot, standing_rotation
 from orograph.scene.changes import epoch
-from orograph.world.ground import ground_skeleton, standing_rotation
+from orograph.world.ground import ground_skeleton
 from orograph.world.motors import Motors, odometry
 from orograph.world.robot_body import RobotBody
 from orograph.world.traffic import Lane, Traffic
@@ -143,11 +144,8 @@ class World:
 
     def _place_at_start(self, robot: str) -> None:
         start = self.scenario.starts[robot_number(robot) - 1]
-        spec = self.scenario.robot
-        wheels_m = (spec.wheelbase_m, spec.track_m)
-        R = standing_rotation(self.scene, start.x_m, start.y_m, math.radians(start.heading_deg), wheels_m)
-        z = float(self.scene.height_m(start.x_m, start.y_m)) + DROP_M
-        self._bodies[robot].place(R, [start.x_m, start.y_m, z])
+        R, position_m = standing_robot(self.scene, start.x_m, start.y_m, math.radians(start.heading_deg))
+        self._bodies[robot].place(R, position_m + np.array([0.0, 0.0, DROP_M]))
 
     def _new_vehicle(self, index: int, lane: Lane) -> VehicleBody:
         body = VehicleBody(f"vehicle_{index:03d}", lane.vehicle)

@@ -10,12 +10,11 @@ import sys
 
 import numpy as np
 import pytest
-from orograph.geometry import quaternion, ray_directions, rotation
+from orograph.geometry import laser_position_m, quaternion, ray_directions, rotation
 from orograph.messages import RANGE_UNIT_M
 from orograph.points import points_from_ranges
 from orograph.scene import build_scene
 from orograph.sensing import Laser
-from orograph.sensing.laser import laser_position_m
 
 EYE_M = 0.45
 AHEAD = {"rings": 1, "columns": 8, "elevation_min_deg": 0.0, "elevation_max_deg": 0.0}
@@ -68,7 +67,9 @@ def test_a_robots_box_reaches_from_its_clearance_to_its_height(flat_world, poses
     elevation = np.radians(np.linspace(-12, 0, 61))
     face = ranges[np.abs(ranges * np.cos(elevation) - (3 - 0.36)) < 0.002]
     heights = EYE_M + np.sin(elevation[np.abs(ranges * np.cos(elevation) - (3 - 0.36)) < 0.002]) * face
-    assert (heights.min(), heights.max()) == pytest.approx((0.1, 0.42), abs=0.012), "one ring is 9 mm at that distance"
+    assert (heights.min(), heights.max()) == pytest.approx((0.75 * 0.11, 0.42), abs=0.012), (
+        "one ring is 9 mm at that distance"
+    )
 
 
 def test_a_moved_body_is_seen_where_it_is_now(flat_world, poses_at):

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import pytest
 from orograph.grid import Grid
 from orograph.scene import build_scene
-from orograph.sensing.truth import dense_scans, standing, top_surface
+from orograph.sensing.truth import dense_scans, top_surface
 
 BLOCK = {"footprint": [[100, 100], [112, 100], [112, 110], [100, 110]], "height_m": 7.0}
 
@@ -48,16 +47,6 @@ def test_gable_is_seen_at_its_own_heights(flat_world):
     height, _ = top_surface(build_scene(flat_world(buildings=[gable])), Grid((105.0, 100.0), 1.0, (8, 4)), 2)
     centres = np.arange(8) + 0.5
     np.testing.assert_allclose(height, np.repeat(9 - np.abs(centres - 4)[:, None], 4, axis=1), atol=1e-4)
-
-
-def test_standing_robot_is_upright_to_its_slope_and_looks_along_its_heading(flat_world):
-    scene = build_scene(flat_world(terrain={"slope_x": 0.2, "slope_y": -0.1}))
-    R, position = standing(scene, 50.0, 80.0, 0.7)
-    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(R) == pytest.approx(1.0)
-    np.testing.assert_allclose(R[:, 2], np.array([-0.2, 0.1, 1.0]) / math.sqrt(1.05))
-    assert math.atan2(R[1, 0], R[0, 0]) == pytest.approx(0.7), "the nose, seen from above"
-    np.testing.assert_allclose(position, [50, 80, 2.0])
 
 
 def test_dense_scans_meet_the_surfaces_without_noise(flat_world):

@@ -16,7 +16,7 @@ import pytest
 from orograph.geometry import roll_pitch_yaw, rotation_from_quaternion
 from orograph.scenario import Building, Change, Scenario, Start, TerrainSpec, Vehicle, Wave
 from orograph.world import World
-from orograph.world.ground import ground_skeleton, standing_rotation
+from orograph.world.ground import ground_skeleton
 
 ROBOT = "robot_001"
 FRAME_NS = 100_000_000
@@ -178,15 +178,6 @@ def test_robots_come_and_go(scenario_of: Make) -> None:
 def test_robot_without_a_start_is_refused(scenario_of: Make) -> None:
     with pytest.raises(ValueError, match="robot_002 has no start"):
         World(scenario_of(), (ROBOT, "robot_002"))
-
-
-def test_standing_rotation_on_a_plane(scenario_of: Make) -> None:
-    world = World(scenario_of(terrain=TerrainSpec(slope_x=0.2, slope_y=-0.1)), (ROBOT,))
-    R = standing_rotation(world.scene, 40.0, 30.0, 0.7, (0.45, 0.5))
-    normal = np.array([-0.2, 0.1, 1.0]) / math.sqrt(1 + 0.04 + 0.01)
-    assert R[:, 2] == pytest.approx(normal)
-    np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
-    assert math.atan2(R[1, 0], R[0, 0]) == pytest.approx(0.7)
 
 
 def test_ground_is_one_immobile_body(scenario_of: Make) -> None:
