@@ -13,6 +13,7 @@ from orograph.runtime.briefing import Briefing
 from orograph.runtime.participant import take_part
 from orograph.runtime.settings import Settings
 from orograph.runtime.watchdog import EXIT_BROKEN, Watchdog, leave, options
+from orograph.scene.site import Site
 from orograph.stages import StageRecorder
 from orograph.storage.run_folder import STORE
 from orograph.storage.sqlite_store import SqliteStore
@@ -23,7 +24,7 @@ def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[MapManagerN
     scenario, stages = briefing.scenario, StageRecorder(time.perf_counter_ns)
     briefing.folder.mkdir(parents=True, exist_ok=True)
     store = SqliteStore(briefing.folder / STORE, scenario.grid.grid.shape, metrics.COMMIT.time)
-    return [MapManagerNode(scenario, scenario.robot_ids, store, stages)], {keys.MANAGER: stages}
+    return [MapManagerNode(Site(scenario), scenario.robot_ids, store, stages)], {keys.MANAGER: stages}
 
 
 if __name__ == "__main__":

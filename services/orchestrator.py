@@ -16,6 +16,7 @@ from orograph.runtime.claims import Claims
 from orograph.runtime.participant import take_part
 from orograph.runtime.settings import Settings
 from orograph.runtime.watchdog import Watchdog, leave, options, whole_number
+from orograph.scene.site import Site
 from orograph.storage.scenario_file import ScenarioError, load_scenario
 
 
@@ -53,7 +54,7 @@ def _direct(cluster_run: ClusterRun, settings: Settings, watchdog: Watchdog, sta
     def brief(bus: Bus) -> Briefing:
         briefing = cluster_run.begin(bus, watchdog)
         robots = briefing.scenario.robot_ids
-        nodes.append(OrchestratorNode(briefing.scenario, robots, briefing.scenario.seed))
+        nodes.append(OrchestratorNode(Site(briefing.scenario), robots, briefing.scenario.seed))
         claims = Claims(robots, nodes[0].present, start_with)
         claims.attend(bus)
         answer(bus, briefing)

@@ -11,15 +11,16 @@ from orograph.runtime.briefing import Briefing
 from orograph.runtime.participant import take_part
 from orograph.runtime.settings import Settings
 from orograph.runtime.watchdog import Watchdog, leave, options
+from orograph.scene.site import Site
 from orograph.stages import StageRecorder
 
 
 def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[RobotMappingNode], dict[str, StageRecorder]]:
     """One mapper per robot held, with a stage recorder each."""
     stages = {keys.node(keys.MAPPING, robot): StageRecorder(time.perf_counter_ns) for robot in robots}
-    scenario = briefing.scenario
+    site = Site(briefing.scenario)
     nodes = [
-        RobotMappingNode(scenario, robot, scenario.seed, uuid.uuid4().bytes, stages[keys.node(keys.MAPPING, robot)])
+        RobotMappingNode(site, robot, site.scenario.seed, uuid.uuid4().bytes, stages[keys.node(keys.MAPPING, robot)])
         for robot in robots
     ]
     return nodes, stages

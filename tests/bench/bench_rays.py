@@ -14,7 +14,7 @@ from orograph.messages import POSE, Packed
 from orograph.scenario import Scenario
 from orograph.scene import Scene, build_scene
 from orograph.scene.mesh import joined
-from orograph.sensing import Laser
+from orograph.sensing import Laser, RangeImager
 from orograph.sensing.casting import TILE_M
 from orograph.storage.scenario_file import load_scenario
 
@@ -74,7 +74,7 @@ def figures() -> dict[str, float]:
     """`rays_per_s` with noise and bodies, by the median processor time of a scan, and `rays_ratio` to embreex's."""
     scenario = load_scenario("scenarios/paper")
     scene = build_scene(scenario)
-    laser, direct = Laser(scenario, "robot_001", scene), Direct(scenario, scene)
+    laser, direct = Laser(scenario, "robot_001", RangeImager(scene, scenario.laser)), Direct(scenario, scene)
     ours_s, embreex_s = [], []
     for scan in range(SCANS):
         poses = poses_of(scenario, scene, scan)

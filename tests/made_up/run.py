@@ -20,7 +20,7 @@ from orograph.rules import Rules
 from orograph.scenario import Scenario
 from orograph.scene import Scene, build_scene
 from orograph.scene.prior import prior_records
-from orograph.sensing import Laser
+from orograph.sensing import Laser, RangeImager
 from orograph.sensing.truth import top_surface
 from orograph.stages import STAGES
 from orograph.storage import run_folder
@@ -138,7 +138,7 @@ def laser_artifacts(scenario: Scenario, scene: Scene, index: int) -> dict[str, A
         x, y = way(scenario, i)[-1]
         poses[i]["position_m"] = x, y, float(scene.height_m(x, y))
         poses[i]["quaternion_wxyz"], poses[i]["present"] = (1, 0, 0, 0), 1
-    ranges = Laser(scenario, keys.robot_id(index + 1), scene).scan(poses, 1, 5)
+    ranges = Laser(scenario, keys.robot_id(index + 1), RangeImager(scene, scenario.laser)).scan(poses, 1, 5)
     assert ranges is not None
     return {
         "last_stamp_ns": np.array(LENGTH_S * 10**9), "last_ranges": ranges,

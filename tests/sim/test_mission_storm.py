@@ -16,6 +16,7 @@ from orograph.nodes.world import WorldNode
 from orograph.protocol.store import MemoryStore
 from orograph.runtime.network import CUT, Spell, Weather
 from orograph.scenario import Scenario
+from orograph.scene.site import Site
 from orograph.storage.recording import Recording
 from orograph.storage.scenario_file import load_scenario
 
@@ -42,10 +43,10 @@ class Mission:
             self.rounds.step()
             if self.rounds.frame == ROBOT_DIES:
                 self._replace(
-                    RobotMappingNode(self._scenario, "robot_001", self._scenario.seed, b"second life".ljust(16))
+                    RobotMappingNode(Site(self._scenario), "robot_001", self._scenario.seed, b"second life".ljust(16))
                 )
             if self.rounds.frame == MANAGER_DIES:
-                self._replace(MapManagerNode(self._scenario, self._scenario.robot_ids, self._store))
+                self._replace(MapManagerNode(Site(self._scenario), self._scenario.robot_ids, self._store))
         return world.ended
 
     def node(self, name: str) -> Node:

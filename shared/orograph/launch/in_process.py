@@ -20,6 +20,8 @@ from orograph.protocol.store import Store
 from orograph.runtime.network import Network, Spell
 from orograph.runtime.rounds import Rounds
 from orograph.scenario import Scenario
+from orograph.scene.site import Site
+from orograph.sensing import View
 from orograph.stages import StageRecorder
 from orograph.storage.recording import Recording
 from orograph.storage.results import WorldResult
@@ -34,16 +36,17 @@ def build_rounds(
     forecast: Sequence[Spell] = (),
 ) -> Rounds:  # fmt: skip
     """All nodes of a run in the radio's `forecast` weather; stage recorders are added to `stages`."""
-    robots = scenario.robot_ids
+    site, robots = Site(scenario), scenario.robot_ids
+    view = View(site, len(robots))
     mapping = [keys.node(keys.MAPPING, r) for r in robots]
     stages.update({name: StageRecorder(time.perf_counter_ns) for name in (keys.MANAGER, *mapping)})
     nodes: list[Node] = [
-        MapManagerNode(scenario, robots, store, stages[keys.MANAGER]),
-        OrchestratorNode(scenario, robots, scenario.seed),
-        *(LaserNode(scenario, r, scenario.seed, robots) for r in robots),
+        MapManagerNode(site, robots, store, stages[keys.MANAGER]),
+        OrchestratorNode(site, robots, scenario.seed),
+        *(LaserNode(view, r, scenario.seed, robots) for r in robots),
         *(NavigatorNode(scenario, r, scenario.seed) for r in robots),
         *(
-            RobotMappingNode(scenario, r, scenario.seed, r.encode().ljust(16, b"\0"), stages[name])
+            RobotMappingNode(site, r, scenario.seed, r.encode().ljust(16, b"\0"), stages[name])
             for r, name in zip(robots, mapping, strict=True)
         ),
     ]

@@ -11,23 +11,20 @@ import numpy.typing as npt
 from orograph import keys
 from orograph.messages import POSE, Bodies, Envelope, Frame, Scan
 from orograph.node import Note, Send
-from orograph.scenario import Scenario
-from orograph.scene import build_scene
-from orograph.scene.changes import epoch
-from orograph.sensing import Laser
+from orograph.sensing import Laser, View
 
 
 class LaserNode:
     """Scans whenever the world has told where everything is."""
 
-    def __init__(self, scenario: Scenario, robot: str, seed: int, robots: tuple[str, ...]) -> None:
+    def __init__(self, view: View, robot: str, seed: int, robots: tuple[str, ...]) -> None:
         assert robot in robots, (robot, robots)
         self.name = keys.node(keys.LASER, robot)
         self._to = keys.node(keys.MAPPING, robot)
         self._index, self._seed = keys.robot_number(robot) - 1, seed
-        self._scenario, self._robot, self._epoch = scenario, robot, epoch(scenario, 0)
-        self._laser = Laser(scenario, robot, build_scene(scenario))
-        self._scans, self._last = 0, Scan(0, np.zeros((scenario.laser.rings, scenario.laser.columns), "<u2"))
+        self._view, self._robot, laser = view, robot, view.scenario.laser
+        self._laser = Laser(view.scenario, robot, view.imager(0))
+        self._scans, self._last = 0, Scan(0, np.zeros((laser.rings, laser.columns), "<u2"))
         self._last_pose = np.zeros((), POSE)
 
     def step(self, frame: Frame, inbox: Sequence[Envelope], send: Send, note: Note) -> None:
@@ -36,18 +33,14 @@ class LaserNode:
         if not heard:
             return
         bodies = max(heard, key=lambda message: message.stamp_ns)
-        self._follow_changes(bodies.stamp_ns)
+        if (imager := self._view.imager(bodies.stamp_ns)) is not self._laser.imager:
+            self._laser = Laser(self._view.scenario, self._robot, imager)
         ranges = self._laser.scan(bodies.poses, self._seed, frame.index)
         if ranges is None:
             return
         self._scans, self._last = self._scans + 1, Scan(bodies.stamp_ns, ranges)
         self._last_pose = bodies.poses[self._index].copy()
         send(keys.SIM, self._to, self._last)
-
-    def _follow_changes(self, stamp_ns: int) -> None:
-        if (now := epoch(self._scenario, stamp_ns)) != self._epoch:
-            self._epoch = now
-            self._laser = Laser(self._scenario, self._robot, build_scene(self._scenario, stamp_ns))
 
     def telemetry(self) -> Mapping[str, float]:
         """Scans made, and which share of the last one's rays came back."""

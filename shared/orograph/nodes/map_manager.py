@@ -15,8 +15,7 @@ from orograph.protocol.limits import LIMITS, Limits
 from orograph.protocol.manager import ManagerSync
 from orograph.protocol.store import Store
 from orograph.rules import Rules
-from orograph.scenario import Scenario
-from orograph.scene.prior import prior_records
+from orograph.scene.site import Site
 from orograph.stages import Stage, untimed
 
 COVERAGE = np.dtype([("stamp_ns", "<i8"), ("confident_cells", "<u4"), ("version", "<u4")])
@@ -26,12 +25,12 @@ class MapManagerNode:
     """Glue of `ManagerSync`; raises StoreFailed from `step`, upon which the process must end and recover."""
 
     def __init__(
-        self, scenario: Scenario, robots: tuple[str, ...], store: Store, stage: Stage = untimed,
+        self, site: Site, robots: tuple[str, ...], store: Store, stage: Stage = untimed,
         limits: Limits = LIMITS,
     ) -> None:  # fmt: skip
         self.name = keys.node(keys.MANAGER)
-        grid, self._robots = scenario.grid.grid, robots
-        self._prior = prior_records(scenario)
+        scenario, grid, self._robots = site.scenario, site.scenario.grid.grid, robots
+        self._prior = site.prior
         self._sync = ManagerSync(grid.shape, self._prior, Rules.of(scenario.rules), store, robots, stage, limits)
         self._status = Every(SECOND_NS)
         self._coverage: list[tuple[int, int, int]] = []

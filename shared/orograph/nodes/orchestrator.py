@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph import keys
-from orograph.layers import OCCUPATION_ONE
 from orograph.messages import (
     PHASES,
     SECOND_NS,
@@ -27,8 +26,7 @@ from orograph.mission.patrol import HEARD_NS, LOST_AFTER_NS, Patrol
 from orograph.mission.phases import END, FLUSH, MAPPING, RunPhases
 from orograph.node import Every, Note, Send
 from orograph.nodes.status_board import StatusBoard
-from orograph.scenario import Scenario
-from orograph.scene.prior import prior_records
+from orograph.scene.site import Site
 
 LISTEN_NS = 3 * SECOND_NS
 """After a restart: three statuses of every robot within radio, before anything is ordered."""
@@ -37,12 +35,12 @@ LISTEN_NS = 3 * SECOND_NS
 class OrchestratorNode:
     """Mapping Orchestration: deals the patrol out, hands over, ends the run."""
 
-    def __init__(self, scenario: Scenario, robots: tuple[str, ...], seed: int) -> None:
-        self.name = keys.node(keys.ORCHESTRATOR)
+    def __init__(self, site: Site, robots: tuple[str, ...], seed: int) -> None:
+        self.name, scenario = keys.node(keys.ORCHESTRATOR), site.scenario
         self._robots = robots
         self._starts_m = [(s.x_m, s.y_m) for s in scenario.starts[: len(robots)]]
         self._waypoints_m = list(scenario.patrol)
-        self._scenario = scenario
+        self._site, self._scenario = site, scenario
         self._phases = RunPhases(robots, int(scenario.duration_max_s * SECOND_NS))
         self._patrol: Patrol | None = None
         self._board = StatusBoard(robots, scenario.name, scenario.grid.grid.size)
@@ -75,10 +73,8 @@ class OrchestratorNode:
 
     def _begin(self, frame: Frame) -> Patrol:
         """Frame 0 is a new run; any later first frame is a restart, which listens before it speaks."""
-        occupation = prior_records(self._scenario)["occupation"].astype(np.float32) / OCCUPATION_ONE
-        grid = self._scenario.grid.grid
-        occupation[occupation > 1] = np.nan
-        roads = DrivingDistances(occupation.reshape(grid.shape), grid)
+        prior = self._site.prior_map
+        roads = DrivingDistances(prior.occupation, prior.grid)
         self._patrol = Patrol(self._robots, self._starts_m, self._waypoints_m, roads, frame.stamp_ns)
         for robot in set(self._robots) - set(self._present):
             self._patrol.robots[robot].lost = True  # not there yet: nothing is ordered before it speaks

@@ -32,10 +32,8 @@ from orograph.messages import (  # fmt: skip
 from orograph.node import Every, Note, Send
 from orograph.protocol.limits import LIMITS, Limits
 from orograph.protocol.robot import RobotSync
-from orograph.registers import unpack
 from orograph.rules import Rules
-from orograph.scenario import Scenario
-from orograph.scene.prior import given_layers, prior_records
+from orograph.scene.site import Site
 from orograph.stages import Stage, untimed
 
 BACKLOG_KEPT = 100_000
@@ -49,18 +47,17 @@ class RobotMappingNode:
     """Glue of `RobotMapper` and `RobotSync`; `nonce` is 16 bytes that no other instance has."""
 
     def __init__(
-        self, scenario: Scenario, robot: str, seed: int, nonce: bytes, stage: Stage = untimed, limits: Limits = LIMITS,
+        self, site: Site, robot: str, seed: int, nonce: bytes, stage: Stage = untimed, limits: Limits = LIMITS,
     ) -> None:  # fmt: skip
         self.name = keys.node(keys.MAPPING, robot)
         self._navigator = keys.node(keys.NAVIGATOR, robot)
-        grid, prior = scenario.grid.grid, prior_records(scenario)
-        given = given_layers(scenario)
+        scenario, grid = site.scenario, site.scenario.grid.grid
         self._mapper = RobotMapper(
             grid, scenario.hrm.cells, scenario.hrm.per_glrm_cell, Rules.of(scenario.rules),
-            scenario.laser.range_max_m, scenario.robot.slope_max, given, stage,
+            scenario.laser.range_max_m, scenario.robot.slope_max, site.given, stage,
         )  # fmt: skip
-        self._prior = unpack(prior, grid, *given)
-        self._sync = RobotSync(robot, grid.shape, prior, nonce, seed, limits)
+        self._prior = site.prior_map
+        self._sync = RobotSync(robot, grid.shape, site.prior, nonce, seed, limits)
         self._offered = Held(grid.size)
         self._arrivals = ScanPoseSync(POSE_WAIT_FRAMES * scenario.frame_ns)
         self._laser, self._directions = scenario.laser, ray_directions(scenario.laser)

@@ -20,8 +20,8 @@ from orograph.sensing.embree import LANES, Device, Solid
 from orograph.sensing.ray_kernels import meet_boxes, turn
 
 TILE_M = 50.0
-WINDOWS_KEPT = 4
-"""A robot at a corner where four tiles meet builds none of them twice."""
+WINDOWS_PER_ROBOT = 4
+"""Kept, so that a robot at a corner where four tiles meet builds none of them twice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +33,10 @@ class Window:
 
 
 class RayCaster:
-    """Nearest hits on a scene's ground and buildings, and on moving boxes given with each call."""
+    """Nearest hits on a scene's ground and buildings, and on moving boxes given with each call, for some robots."""
 
-    def __init__(self, scene: Scene, reach_m: float, isa: str = "avx2") -> None:
-        self._scene, self._reach_m = scene, reach_m
+    def __init__(self, scene: Scene, reach_m: float, robots: int = 1, isa: str = "avx2") -> None:
+        self._scene, self._reach_m, self._kept = scene, reach_m, WINDOWS_PER_ROBOT * robots
         self._device = Device(isa)
         self._windows: OrderedDict[tuple[int, int], Window] = OrderedDict()
         self._make_room(0)
@@ -66,7 +66,7 @@ class RayCaster:
         tile = int(origin_m[0] // TILE_M), int(origin_m[1] // TILE_M)
         if tile not in self._windows:
             self._windows[tile] = self._build(tile)
-            if len(self._windows) > WINDOWS_KEPT:
+            if len(self._windows) > self._kept:
                 self._windows.popitem(last=False)
         self._windows.move_to_end(tile)
         return self._windows[tile]

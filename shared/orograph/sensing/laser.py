@@ -14,6 +14,7 @@ from orograph.messages import RANGE_UNIT_M, Packed
 from orograph.randomness import key
 from orograph.scenario import LaserSpec, Scenario
 from orograph.scene import Scene
+from orograph.scene.site import Site
 from orograph.sensing.bodies import Bodies, Boxes
 from orograph.sensing.casting import RayCaster
 from orograph.sensing.ray_kernels import range_image
@@ -25,13 +26,13 @@ def _noise_quantiles(sigma_m: float) -> F32:
 
 
 class RangeImager:
-    """Casts one range image's rays from a given pose and turns distances into ranges."""
+    """Casts one range image's rays from a given pose and turns distances into ranges; some robots may share it."""
 
-    def __init__(self, scene: Scene, laser: LaserSpec) -> None:
+    def __init__(self, scene: Scene, laser: LaserSpec, robots: int = 1) -> None:
         self.directions = ray_directions(laser)
         self._rays = np.ascontiguousarray(self.directions.reshape(-1, 3).T)
         self._laser = laser
-        self._caster = RayCaster(scene, laser.range_max_m)
+        self._caster = RayCaster(scene, laser.range_max_m, robots)
         self._noise_m = _noise_quantiles(laser.noise_m)
         self._last_unit = math.ceil(laser.range_max_m / RANGE_UNIT_M) - 1  # strictly below range_max_m in float32 too
 
@@ -55,10 +56,10 @@ class RangeImager:
 class Laser:
     """The laser on one robot of a scenario."""
 
-    def __init__(self, scenario: Scenario, robot: str, scene: Scene) -> None:
-        self._scenario, self._robot = scenario, robot
+    def __init__(self, scenario: Scenario, robot: str, imager: RangeImager) -> None:
+        self._scenario, self._robot, self.imager = scenario, robot, imager
         self._own = robot_number(robot) - 1
-        self._camera, self._bodies = RangeImager(scene, scenario.laser), Bodies(scenario)
+        self._bodies = Bodies(scenario)
 
     def scan(self, poses: Packed, seed: int, frame: int) -> Packed | None:
         """Range image (rings, columns) u2 in RANGE_UNIT_M, 0 = no return; None while the robot itself is absent.
@@ -71,4 +72,20 @@ class Laser:
         R_map_robot = rotation_from_quaternion(poses["quaternion_wxyz"][own])
         boxes = self._bodies.boxes(poses, own, self._scenario.laser.range_max_m)
         noise = key(seed, "laser", self._robot, "noise", frame=frame)
-        return self._camera.image(R_map_robot, poses["position_m"][own], boxes, noise)
+        return self.imager.image(R_map_robot, poses["position_m"][own], boxes, noise)
+
+
+class View:
+    """What the lasers of one process look at: one imager for all, until the scene changes."""
+
+    def __init__(self, site: Site, robots: int) -> None:
+        self.scenario, self._site, self._robots = site.scenario, site, robots
+        self._scene = site.scene()
+        self._imager = RangeImager(self._scene, site.scenario.laser, robots)
+
+    def imager(self, stamp_ns: int) -> RangeImager:
+        """For the scene as it stands at a time."""
+        scene = self._site.scene(stamp_ns)
+        if scene is not self._scene:
+            self._scene, self._imager = scene, RangeImager(scene, self.scenario.laser, self._robots)
+        return self._imager

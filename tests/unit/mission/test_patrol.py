@@ -21,11 +21,12 @@ from orograph.messages import (
     Phase,
     RobotStatus,
     RunEnd,
-)
+)  # fmt: skip
 from orograph.mission.distances import DrivingDistances
 from orograph.mission.patrol import Patrol
 from orograph.nodes.orchestrator import OrchestratorNode
 from orograph.scenario import GridSpec, Scenario, Start
+from orograph.scene.site import Site
 
 FRAME_NS = 100_000_000
 SPEED_MPS = 2.0
@@ -58,7 +59,7 @@ class Driver:
             self.number, self.order, self.flush = mission.number, mission.waypoints.tolist(), mission.flush
 
     def drive(self) -> None:
-        left = [w for w in self.order if w not in self.visited and w not in self.given_up]
+        left = [w for w in self.order if w not in [*self.visited, *self.given_up]]
         if not left or self.dead or self.jammed:
             return
         goal = self.patrol[left[0]]
@@ -73,8 +74,8 @@ class Driver:
             self.at_m = tuple(a + share * (g - a) for a, g in zip(self.at_m, goal, strict=True))  # type: ignore[assignment]
 
     def status(self, now_ns: int) -> RobotStatus:
-        done = all(w in self.visited or w in self.given_up for w in self.order)
-        state = "idle" if self.number == 0 else ("done" if done else "driving")
+        done = all(w in [*self.visited, *self.given_up] for w in self.order)
+        state = "idle" if self.number == 0 else "done" if done else "driving"
         lists = (np.array(a, "<u2") for a in (self.visited, self.given_up))
         return RobotStatus(now_ns, self.number, *lists, state, *self.at_m)
 
@@ -84,17 +85,16 @@ class Run:
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario, self.robots = scenario, tuple(keys.robot_id(i + 1) for i in range(scenario.robots))
-        self.node = OrchestratorNode(scenario, self.robots, 1)
+        self.node = OrchestratorNode(Site(scenario), self.robots, 1)
         self.drivers = {r: Driver(scenario, r) for r in self.robots}
         self.events: list[Event] = []
         self.sent: list[tuple[float, str, str, Message]] = []
-        self.phase, self.end = "", None
-        self.unflushed: set[str] = set()
+        self.phase, self.end, self.unflushed = "", None, set[str]()
         self.copy_hash = dict.fromkeys(self.robots, b"m" * 16)
         self._frame, self._inbox = 0, []
 
     def restart(self) -> None:
-        self.node = OrchestratorNode(self.scenario, self.robots, 1)
+        self.node = OrchestratorNode(Site(self.scenario), self.robots, 1)
 
     @property
     def now_s(self) -> float:

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from orograph.messages import RANGE_UNIT_M, Bodies, Envelope, Frame, Phase, Scan
 from orograph.nodes.laser import LaserNode
+from orograph.scene.site import Site
+from orograph.sensing import View
 
 ROBOTS = ("robot_001", "robot_002")
 
@@ -13,7 +15,7 @@ ROBOTS = ("robot_001", "robot_002")
 @pytest.fixture
 def node(flat_world):
     world = flat_world(laser={"rings": 1, "columns": 8, "elevation_min_deg": 0.0, "elevation_max_deg": 0.0}, robots=2)
-    return LaserNode(world, "robot_002", 1, ROBOTS)
+    return LaserNode(View(Site(world), 1), "robot_002", 1, ROBOTS)
 
 
 def step(node, frame, *messages):
@@ -42,7 +44,7 @@ def test_says_nothing_without_bodies_or_while_absent(node, poses_at):
 
 def test_keeps_the_last_scan_and_its_true_pose(flat_world, poses_at):
     wall = {"footprint": [[120, 50], [125, 50], [125, 150], [120, 150]], "height_m": 10}
-    node = LaserNode(flat_world(buildings=[wall], robots=2), "robot_002", 1, ROBOTS)
+    node = LaserNode(View(Site(flat_world(buildings=[wall], robots=2)), 1), "robot_002", 1, ROBOTS)
     [(_, _, scan)] = step(node, 5, Bodies(400, poses_at(None, (100, 101, 0, 0))))
     kept = node.artifacts()
     np.testing.assert_array_equal(kept["last_ranges"], scan.ranges)
@@ -56,7 +58,7 @@ def test_keeps_the_last_scan_and_its_true_pose(flat_world, poses_at):
 def test_sees_what_is_built_from_its_time_on(flat_world, poses_at):
     wall = {"footprint": [[120, 50], [125, 50], [125, 150], [120, 150]], "height_m": 10}
     scenario = flat_world(changes=[{"at_s": 2.0, "until_s": 3.0, "build": wall}], robots=2)
-    node = LaserNode(scenario, "robot_002", 1, ROBOTS)
+    node = LaserNode(View(Site(scenario), 1), "robot_002", 1, ROBOTS)
     ahead = []
     for frame in (19, 20, 29, 30):
         [(_, _, scan)] = step(node, frame, Bodies(frame * 10**8, poses_at(None, (100, 100, 0, 0))))

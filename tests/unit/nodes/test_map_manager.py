@@ -12,6 +12,7 @@ from orograph.protocol.store import MemoryStore
 from orograph.protocol.tiles import map_hash
 from orograph.rules import Rules
 from orograph.scenario import GridSpec, Scenario, Start
+from orograph.scene.site import Site
 
 SCENARIO = Scenario(
     name="flat", title="flat", grid=GridSpec(rows=8, cols=8), starts=(Start(x_m=5, y_m=5),), base_station_m=(5, 5),
@@ -23,7 +24,7 @@ MAPPING, ORCHESTRATOR = keys.node(keys.MAPPING, ROBOT), keys.node(keys.ORCHESTRA
 
 class Played:
     def __init__(self, store):
-        self.node = MapManagerNode(SCENARIO, (ROBOT,), store)
+        self.node = MapManagerNode(Site(SCENARIO), (ROBOT,), store)
         self.frame, self.sent, self.notes = 0, [], []
 
     def step(self, *messages, sender=MAPPING):

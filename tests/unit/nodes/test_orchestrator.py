@@ -4,10 +4,11 @@ from orograph import keys
 from orograph.messages import Frame, Message, Phase
 from orograph.nodes.orchestrator import OrchestratorNode
 from orograph.scenario import Scenario
+from orograph.scene.site import Site
 
 
 def test_a_frame_that_is_skipped_skips_no_second(city_scenario: Scenario) -> None:
-    node = OrchestratorNode(city_scenario, city_scenario.robot_ids, 1)
+    node = OrchestratorNode(Site(city_scenario), city_scenario.robot_ids, 1)
     spoken: list[int] = []
 
     def step(index: int) -> None:

@@ -10,6 +10,7 @@ from orograph.nodes.map_manager import MapManagerNode
 from orograph.nodes.robot_mapping import RobotMappingNode, ScanPoseSync
 from orograph.protocol.store import MemoryStore
 from orograph.scenario import Scenario
+from orograph.scene.site import Site
 
 ROBOT = "robot_001"
 ME, ALL, MANAGER, SENSORS = keys.node(keys.MAPPING, ROBOT), keys.group(keys.MAPPING), keys.MANAGER, keys.NAVIGATOR
@@ -38,14 +39,14 @@ class Round:
     """Node and manager in rounds; `radio` False loses all that is sent on the radio plane."""
 
     def __init__(self, nonce: bytes = b"n" * 16) -> None:
-        self.manager = MapManagerNode(SCENARIO, (ROBOT,), MemoryStore())
+        self.manager = MapManagerNode(Site(SCENARIO), (ROBOT,), MemoryStore())
         self.frame, self.radio, self.phase = 0, True, "mapping"
         self.sent: list[Envelope] = []
         self.notes: list[str] = []
         self.start(nonce)
 
     def start(self, nonce: bytes) -> None:
-        self.node = RobotMappingNode(SCENARIO, ROBOT, 1, nonce)
+        self.node = RobotMappingNode(Site(SCENARIO), ROBOT, 1, nonce)
 
     def run(self, frames: int, at=(30.0, 30.0), scans: bool = True) -> list[Envelope]:
         begin = len(self.sent)

@@ -37,7 +37,7 @@ def test_distances_do_not_depend_on_the_instructions(flat_world, isa):
     """What a CPU lacks Embree leaves out of an isa, so each of these runs anywhere, and says less on an older one."""
     waves = [{"amplitude_m": 1.5, "wavelength_m": 90, "heading_deg": 40}, {"amplitude_m": 0.3, "wavelength_m": 11}]
     scene = build_scene(flat_world(buildings=BLOCKS, terrain={"waves": waves, "mesh_cell_m": 2}))
-    product, other = RayCaster(scene, 80.0), RayCaster(scene, 80.0, isa)
+    product, other = RayCaster(scene, 80.0), RayCaster(scene, 80.0, isa=isa)
     directions = np.ascontiguousarray(ray_directions(LaserSpec(rings=16, columns=1440)).reshape(-1, 3).T)
     draw, met, differing = np.random.default_rng(3), 0, 0
     for _ in range(20):

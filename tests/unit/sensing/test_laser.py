@@ -14,7 +14,7 @@ from orograph.geometry import laser_position_m, quaternion, ray_directions, rota
 from orograph.messages import RANGE_UNIT_M
 from orograph.points import points_from_ranges
 from orograph.scene import build_scene
-from orograph.sensing import Laser
+from orograph.sensing import Laser, RangeImager
 
 EYE_M = 0.45
 AHEAD = {"rings": 1, "columns": 8, "elevation_min_deg": 0.0, "elevation_max_deg": 0.0}
@@ -22,7 +22,7 @@ VEHICLE = {"loop": [[20, 20], [180, 20], [180, 180], [20, 180]], "size_m": [4.0,
 
 
 def laser_in(world, robot="robot_001") -> Laser:
-    return Laser(world, robot, build_scene(world))
+    return Laser(world, robot, RangeImager(build_scene(world), world.laser))
 
 
 def test_level_robot_on_flat_ground(flat_world, poses_at):
@@ -183,9 +183,9 @@ from orograph.messages import POSE
 from orograph.scenario import Scenario
 import hashlib
 from orograph.scene import build_scene
-from orograph.sensing import Laser
+from orograph.sensing import Laser, RangeImager
 world = Scenario.model_validate_json(sys.argv[1])
-laser = Laser(world, "robot_002", build_scene(world))
+laser = Laser(world, "robot_002", RangeImager(build_scene(world), world.laser))
 poses = np.frombuffer(bytes.fromhex(sys.argv[2]), POSE)
 print(hashlib.blake2b(b"".join(laser.scan(poses, 5, k).tobytes() for k in (0, 4, 8))).hexdigest())
 """
