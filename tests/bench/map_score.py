@@ -161,16 +161,18 @@ def _row(progress: Progress, what: str, total: float | None) -> Iterator[Callabl
         progress.remove_task(row)
 
 
-def changes(rule_sets: Sequence[str], progress: Progress) -> dict[str, dict[str, dict[str, float | None]]]:
-    """Times to find and to clear by course and rule set."""
+def changes(rule_sets: Sequence[str], seeds: int, progress: Progress) -> dict[str, dict[str, dict[str, float | None]]]:
+    """Longest times to find and to clear over the seeds of the noise, by course and rule set."""
     out: dict[str, dict[str, dict[str, float | None]]] = {}
     for course in map_street.COURSES:
-        with _row(progress, f"{course.what}, robot {course.robot}", None) as show:
-            seen = list(map_street.views(course, seed=1))
-            show(total=len(seen) * len(rule_sets))
-            tick = partial(show, advance=1)
-            by_rules = {rules: map_street.run_course(seen, course, rules, tick) for rules in rule_sets}
-        out[f"{course.what} {course.robot}"] = by_rules
+        times: dict[str, list[dict[str, float | None]]] = {rules: [] for rules in rule_sets}
+        for seed in range(seeds):
+            with _row(progress, f"{course.what}, robot {course.robot}, seed {seed}", None) as show:
+                seen = list(map_street.views(course, seed))
+                show(total=len(seen) * len(rule_sets))
+                for rules in rule_sets:
+                    times[rules].append(map_street.run_course(seen, course, rules, partial(show, advance=1)))
+        out[f"{course.what} {course.robot}"] = {rules: map_street.worst(of) for rules, of in times.items()}
     return out
 
 
@@ -204,7 +206,7 @@ def main() -> int:
             if asked.only != "changes":
                 figures["maps"] = score(rules, asked.priors.split(","), scenarios, progress)
             if asked.only != "maps":
-                figures["changes"] = changes(rules, progress)
+                figures["changes"] = changes(rules, asked.seeds, progress)
     except KeyboardInterrupt:
         console.print("interrupted; what was recorded is kept")
         return 130

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from bench.map_recording import Mission, record, recorded
 from bench.map_replay import Replay, believed
 from bench.map_score import Judge, Pool, with_prior
-from bench.map_street import Course, run_course, views
+from bench.map_street import Course, run_course, views, worst
 from orograph.scenario import Scenario
 from orograph.storage.scenario_file import load_scenario
 
@@ -73,3 +74,9 @@ def test_a_house_that_is_built_before_a_standing_robot_is_found(monkeypatch):
     times = run_course(list(views(course, seed=1)), course, "paper", lambda: None)
     assert times["found_s"] == pytest.approx(0.0, abs=0.41)
     assert times["cleared_s"] is None  # it still shows what has gone
+
+
+def test_of_several_runs_the_worst_counts():
+    runs = [{"a": 1.0, "b": 1.0, "c": math.nan}, {"a": 3.0, "b": None, "c": math.nan}, {"a": 2.0, "b": 9.0, "c": 0.4}]
+    assert worst(runs) == {"a": 3.0, "b": None, "c": 0.4}
+    assert math.isnan(worst(runs[:2])["c"] or 0.0)

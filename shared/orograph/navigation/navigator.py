@@ -16,8 +16,9 @@ from orograph.navigation.recovery import STALLED_S, STUCK_S, Recovery, StuckWatc
 from orograph.navigation.return_path import ReturnPath
 from orograph.navigation.tour import Tour
 from orograph.node import Note
+from orograph.registers import unpack
 from orograph.scenario import PointM, Scenario
-from orograph.scene.terrain import ground_height_m
+from orograph.scene.prior import prior_records
 
 START_SIGMA_M, START_YAW_SIGMA_RAD = 0.3, math.radians(5.0)
 DRIVE_SIGMA_M = 3.0
@@ -39,6 +40,8 @@ class Navigator:
 
     def __init__(self, scenario: Scenario, robot: str) -> None:
         self._scenario = scenario
+        self._prior = unpack(prior_records(scenario), scenario.grid.grid)
+        self._ground = self._prior.height, self._prior.gradient_x, self._prior.gradient_y
         self._start = scenario.starts[robot_number(robot) - 1]
         self._wait_ns = round((WAIT_S + WAIT_STEP_S * (robot_number(robot) % 4)) * SECOND_NS)
         self.pose = PoseFilter(scenario.navigation_sensors)
@@ -56,14 +59,22 @@ class Navigator:
         """Update the pose; at the very start of a run the scenario's start is known, after a restart only GPS is."""
         if not self.pose.started and sensors.stamp_ns < SECOND_NS:
             x, y = self._start.x_m, self._start.y_m
-            heading = math.radians(self._start.heading_deg)
-            self.pose.start(x, y, self._ground_m(x, y), heading, START_SIGMA_M, START_YAW_SIGMA_RAD)
-        ground_m = self._ground_m(self.pose.x_m, self.pose.y_m) if self.pose.started else None
+            ground_m, heading = self.ground_m(x, y), math.radians(self._start.heading_deg)
+            z = sensors.gps_z_m if ground_m is None else ground_m
+            self.pose.start(x, y, z, heading, START_SIGMA_M, START_YAW_SIGMA_RAD)
+        ground_m = self.ground_m(self.pose.x_m, self.pose.y_m) if self.pose.started else None
         self.pose.update(sensors, ground_m)
         return self.pose.pose(sensors.stamp_ns)
 
-    def _ground_m(self, x_m: float, y_m: float) -> float:
-        return float(ground_height_m(self._scenario.terrain, x_m, y_m))
+    def ground_m(self, x_m: float, y_m: float) -> float | None:
+        """Height of the ground by the prior map's plane there; None where it knows none, as under a roof."""
+        cell = self._prior.grid.row_col(x_m, y_m)
+        if cell is None:
+            return None
+        x, y = self._prior.grid.centre_m(*cell)
+        height_m, slope_x, slope_y = (float(layer[cell]) for layer in self._ground)
+        ground_m = height_m + slope_x * (x_m - x) + slope_y * (y_m - y)
+        return None if math.isnan(ground_m) else ground_m
 
     def take_map(self, planning_map: OccupancyGrid) -> None:
         """Keep a newer planning map."""

@@ -5,8 +5,11 @@ import math
 import numpy as np
 import pytest
 from orograph.messages import Drive, Envelope, Frame, Mission, OccupancyGrid, Pose, RobotStatus, Sensors
+from orograph.navigation.navigator import Navigator
 from orograph.navigation.return_path import ReturnPath
 from orograph.nodes.navigator import NavigatorNode
+from orograph.registers import unpack
+from orograph.scene.prior import prior_records
 from unicycle.world import FRAME_NS, UnicycleWorld, scenario_of
 
 BLOCKS = [(20, 20, 45, 45), (60, 20, 80, 45), (20, 60, 45, 80), (60, 60, 80, 80)]
@@ -229,3 +232,30 @@ def test_artifacts_hold_one_row_per_pose():
     assert set(world.node.telemetry()) == {
         "position_sigma_m", "driven_m", "global_replans", "local_replans", "recoveries", "waypoints_left", "state",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("prior", "z_m"),
+    [
+        ({}, 5.25),  # 5 + 0.1 * 2.5: the plane of its cell
+        ({"building_height_m": 3.0}, 5.25),
+        ({"confidence": 0}, 0.0),  # knows nothing: GPS
+        ({"ground_error_m": 2.0}, None),
+    ],
+)
+def test_it_takes_the_ground_from_the_prior_map_and_not_from_the_world(prior, z_m):
+    ground = {"height_m": 4.0, "slope_x": 0.1}
+    scenario = scenario_of([(60, 12)], terrain=ground, prior=prior)
+    if z_m is None:
+        prior_map = unpack(prior_records(scenario), scenario.grid.grid)
+        z_m = float(prior_map.height[2, 2])
+        assert abs(z_m - 5.25) > 0.1
+    sent, _ = step(NavigatorNode(scenario, "robot_001", 1), 1, still(0))
+    first = next(m for _, _, m in sent if isinstance(m, Pose))
+    assert first.z_m == pytest.approx(z_m, abs=2e-3)
+
+
+def test_under_a_roof_of_the_prior_it_knows_no_ground():
+    house = {"footprint": [[30, 30], [50, 30], [50, 50], [30, 50]], "height_m": 5.0}
+    navigator = Navigator(scenario_of([(60, 12)], terrain={"height_m": 4.0}, buildings=[house]), "robot_001")
+    assert [navigator.ground_m(x, 42.0) for x in (20.0, 42.0, 130.0)] == [4.0, None, None]
