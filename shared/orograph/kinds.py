@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -147,11 +149,15 @@ class Text(Simple):
         """UTF-8 takes four bytes for a character at most."""
         return HEAD_BYTES + 4 * self.high
 
+    @cached_property
+    def _matches(self) -> Callable[[str], object]:
+        # What cannot be printed can hide something in a log, and half a surrogate cannot be written at all.
+        return re.compile(self.pattern).fullmatch if self.pattern else str.isprintable
+
     def check(self, value: Any) -> None:
-        """What cannot be printed can hide something in a log, and half a surrogate cannot be written at all."""
+        """All of it matches; without a pattern it can be printed."""
         require(type(value) is str, "type", value)
-        require(len(value) <= self.high and value.isprintable(), "range", value)
-        require(not self.pattern or bool(re.fullmatch(self.pattern, value)), "range", value)
+        require(len(value) <= self.high and bool(self._matches(value)), "range", value)
 
     def schema(self) -> dict[str, Any]:
         """The greatest length in characters, and the pattern where there is one."""

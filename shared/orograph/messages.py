@@ -105,7 +105,6 @@ class Sensors(Message, routes=(Route(SIM, WORLD, NAVIGATOR),)):
     yaw_rad: float = number(-4, 4)
     yaw_rate_radps: float = number(-100, 100)
     odometry_v_mps: float = number(-100, 100, "mean over the frame, from the wheels")
-    odometry_yaw_rate_radps: float = number(-100, 100, "mean over the frame, from the wheels")
 
 
 @dataclass(frozen=True, eq=False)

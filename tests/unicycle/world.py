@@ -148,7 +148,7 @@ class UnicycleWorld:
         yaw = (self.yaw + n[5] * math.radians(spec.heading_deg) + math.pi) % (2 * math.pi) - math.pi
         v = self.v * self.scale + n[7] * spec.odometry_mps
         return Sensors(k * FRAME_NS, quality, self.x + sigma * n[0], self.y + sigma * n[1], 1.5 * sigma * n[2],
-                       roll, pitch, yaw, self.turn_rate + n[6] * spec.yaw_rate_radps, v, self.turn_rate)  # fmt: skip
+                       roll, pitch, yaw, self.turn_rate + n[6] * spec.yaw_rate_radps, v)  # fmt: skip
 
     def _send_maps(self, k: int, t: float) -> None:
         if k == 2 or (k > 2 and k % 20 == 2):

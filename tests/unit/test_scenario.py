@@ -86,6 +86,6 @@ def test_a_scenario_too_long_to_be_told_is_refused_in_words(monkeypatch: pytest.
 def test_the_worst_sensors_still_say_what_can_be_carried() -> None:
     noise = dict.fromkeys(("gps_single_m", "attitude_deg", "heading_deg", "yaw_rate_radps", "odometry_mps"), 1e300)
     sensors = NavigationSensors(Scenario.model_validate(changed("navigation_sensors", noise)), 1, "robot_001")
-    far = Motion(np.array([1e9, -1e9, -1e9]), rotation(0.1, -0.2, 3.1), 1e5, (1e5, 1e5))
+    far = Motion(np.array([1e9, -1e9, -1e9]), rotation(0.1, -0.2, 3.1), 1e5, 1e5)
     for frame in range(20):
         wire.encode(sensors.read(far, 1, frame, frame))

@@ -117,7 +117,7 @@ class WorldNode:
             self.world.position_m(robot),
             self.world.rotation(robot),
             turned_rad * 1e9 / frame.duration_ns,
-            self.world.wheel_odometry(robot),
+            self.world.wheel_odometry(robot)[0],
         )
         quality = self._given(self._gps_quality, robot, outside=0)
         reading = self._sensors[robot].read(motion, quality, frame.stamp_ns, frame.index)

@@ -11,7 +11,6 @@ from orograph.geometry import roll_pitch_yaw, wrap_angle
 from orograph.messages import Sensors
 from orograph.randomness import stream
 from orograph.scenario import Scenario
-from orograph.world.motors import effective_track_m
 
 GPS_NONE, GPS_SINGLE = 0, 1
 
@@ -25,8 +24,8 @@ class Motion:
     R_map_robot: F64
     """(3, 3)"""
     yaw_rate_radps: float
-    odometry: tuple[float, float]
-    """(speed [m/s], yaw rate [rad/s]) from the wheels."""
+    odometry_mps: float
+    """Speed by the wheels."""
 
 
 class NavigationSensors:
@@ -34,18 +33,16 @@ class NavigationSensors:
 
     def __init__(self, scenario: Scenario, seed: int, robot: str) -> None:
         self._spec, self._seed, self._robot = scenario.navigation_sensors, seed, robot
-        self._half_track_m = 0.5 * effective_track_m(scenario.robot)
         self._scale = 1.0 + self._spec.odometry_scale * self._noise("odometry-scale", 0, 1)[0]
 
     def read(self, motion: Motion, gps_quality: int, stamp_ns: int, frame: int) -> Sensors:
         """One message; without GPS (`gps_quality` 0) the position is 0."""
         x, y, z = self._gps(motion.position_m, gps_quality, frame)
         roll, pitch, yaw, yaw_rate = self._imu(motion, frame)
-        v, odometry_yaw_rate = self._odometry(motion.odometry, frame)
         return saturated(
             Sensors, stamp_ns=stamp_ns, gps_quality=gps_quality, gps_x_m=x, gps_y_m=y, gps_z_m=z, roll_rad=roll,
-            pitch_rad=pitch, yaw_rad=yaw, yaw_rate_radps=yaw_rate, odometry_v_mps=v,
-            odometry_yaw_rate_radps=odometry_yaw_rate,
+            pitch_rad=pitch, yaw_rad=yaw, yaw_rate_radps=yaw_rate,
+            odometry_v_mps=self._odometry(motion.odometry_mps, frame),
         )  # fmt: skip
 
     def _gps(self, position_m: F64, quality: int, frame: int) -> tuple[float, float, float]:
@@ -62,11 +59,9 @@ class NavigationSensors:
         yaw_rate = motion.yaw_rate_radps + noise[3] * self._spec.yaw_rate_radps
         return roll + noise[0] * attitude, pitch + noise[1] * attitude, wrap_angle(yaw + noise[2] * heading), yaw_rate
 
-    def _odometry(self, odometry: tuple[float, float], frame: int) -> tuple[float, float]:
-        """The two sides' noise is independent, so half their sum and their difference over the track are too."""
-        noise = self._noise("odometry", frame, 2) * self._spec.odometry_mps
-        v_mps, yaw_rate_radps = odometry
-        return v_mps * self._scale + noise[0], yaw_rate_radps * self._scale + noise[1] / self._half_track_m
+    def _odometry(self, v_mps: float, frame: int) -> float:
+        noise = self._noise("odometry", frame, 1)[0] * self._spec.odometry_mps
+        return float(v_mps * self._scale + noise)
 
     def _noise(self, purpose: str, frame: int, count: int) -> F64:
         """Standard normal draws."""

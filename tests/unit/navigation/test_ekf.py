@@ -17,7 +17,7 @@ SPEC = NavigationSensorsSpec()
 
 
 def sensors(k, x=0.0, y=0.0, z=0.0, roll=0.0, pitch=0.0, yaw=0.0, rate=0.0, v=0.0, quality=2):
-    return Sensors(k * FRAME_NS, quality, x, y, z, roll, pitch, yaw, rate, v, rate)
+    return Sensors(k * FRAME_NS, quality, x, y, z, roll, pitch, yaw, rate, v)
 
 
 def noisy(rng, k, pose, rate, v, quality=2, scale=1.0):

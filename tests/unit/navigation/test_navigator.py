@@ -144,7 +144,7 @@ def step(node, k, *messages):
 
 
 def still(k, quality=2, x=12.5):
-    return Sensors(k * FRAME_NS, quality, x, 12.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Sensors(k * FRAME_NS, quality, x, 12.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def maps(k):
