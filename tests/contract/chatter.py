@@ -14,7 +14,9 @@ from orograph.fields import kinds_of
 from orograph.messages import POSE, Bodies, Drive, Envelope, Frame, Message, OccupancyGrid, Pose, Scan, Sensors
 from orograph.runtime.clock import Clock
 from orograph.runtime.host import NodeHost
+from orograph.runtime.network import Network
 from orograph.runtime.participant import Participant, Ticks
+from orograph.runtime.rounds import Rounds
 from orograph.scenario import Scenario
 from orograph.storage.recording import Recording
 
@@ -81,22 +83,12 @@ def make_chatters() -> dict[str, Chatter]:
 
 def in_one_process() -> dict[str, int]:
     chatters = make_chatters()
-    boxes: dict[str, list[Envelope]] = {n: [] for n in NAMES}
-    for k in range(FRAMES):
-        sent = [e for name in sorted(NAMES) for e in sent_by(chatters[name], k, boxes[name])]
-        boxes = {n: [e for e in sent if e.to in (n, keys.group(keys.split(n)[0]))] for n in NAMES}
+    network = Network(SCENARIO, NAMES, radio_up=dict)
+    rounds = Rounds(SCENARIO.frame_ns, list(chatters.values()), network, lambda *note: None)
+    for _ in range(FRAMES):
+        rounds.step()
+    assert not network.refused
     return {n: c.state for n, c in chatters.items()}
-
-
-def sent_by(chatter: Chatter, k: int, inbox: list[Envelope]) -> list[Envelope]:
-    sent: list[Envelope] = []
-    chatter.step(
-        Frame(k, k, 1),
-        inbox,
-        lambda plane, to, m: sent.append(Envelope(plane, to, chatter.name, k, len(sent), m)),
-        lambda *a: None,
-    )
-    return sent
 
 
 def participate(endpoint: str, node: Chatter, watchdog: Stop, out: Path) -> threading.Thread:

@@ -5,15 +5,17 @@ import pytest
 from orograph import keys
 from orograph.geometry import ray_directions
 from orograph.layers import UNKNOWN_OCCUPATION
-from orograph.messages import Batch, Envelope, Frame, MappingStatus, OccupancyGrid, Phase, Pose, Scan  # fmt: skip
+from orograph.messages import Batch, Envelope, MappingStatus, OccupancyGrid, Phase, Pose, Scan  # fmt: skip
 from orograph.nodes.map_manager import MapManagerNode
 from orograph.nodes.robot_mapping import RobotMappingNode, ScanPoseSync
 from orograph.protocol.store import MemoryStore
+from orograph.runtime.network import Network
+from orograph.runtime.rounds import Rounds
 from orograph.scenario import Scenario
 from orograph.scene.site import Site
 
 ROBOT = "robot_001"
-ME, ALL, MANAGER, SENSORS = keys.node(keys.MAPPING, ROBOT), keys.group(keys.MAPPING), keys.MANAGER, keys.NAVIGATOR
+ME, LASER, NAVIGATOR = (keys.node(service, ROBOT) for service in (keys.MAPPING, keys.LASER, keys.NAVIGATOR))
 SCENARIO = Scenario.model_validate(
     {
         "name": "bench-street", "title": "A street", "starts": [{"x_m": 30, "y_m": 30}], "base_station_m": (5, 5),
@@ -23,6 +25,7 @@ SCENARIO = Scenario.model_validate(
         "laser": {"rings": 36, "columns": 180, "range_max_m": 30},
     }
 )  # fmt: skip
+SITE = Site(SCENARIO)
 DIRECTIONS = ray_directions(SCENARIO.laser)
 
 
@@ -35,45 +38,67 @@ def scan_from(x_m: float, y_m: float, stamp_ns: int) -> Scan:
     return Scan(stamp_ns, np.where(distance < 30, np.round(distance / 0.002), 0).astype("<u2"))
 
 
+class Says:
+    """A node that says what it is told to."""
+
+    def __init__(self, name: str, words) -> None:
+        self.name, self._words = name, words
+
+    def step(self, frame, inbox, send, note) -> None:
+        for message in self._words(frame):
+            send(*message)
+
+
+class Heard(Network):
+    """Keeps all that was sent."""
+
+    def __init__(self, *args) -> None:
+        super().__init__(*args)
+        self.sent: list[Envelope] = []
+
+    def carry(self, frame, sent) -> None:
+        self.sent += sent
+        super().carry(frame, sent)
+
+
 class Round:
-    """Node and manager in rounds; `radio` False loses all that is sent on the radio plane."""
+    """Node and manager in rounds; `radio` False loses all that the robot says and is told on the radio plane."""
 
     def __init__(self, nonce: bytes = b"n" * 16) -> None:
-        self.manager = MapManagerNode(Site(SCENARIO), (ROBOT,), MemoryStore())
-        self.frame, self.radio, self.phase = 0, True, "mapping"
-        self.sent: list[Envelope] = []
-        self.notes: list[str] = []
-        self.start(nonce)
+        self.radio, self.phase, self._at, self._scans = True, "mapping", (30.0, 30.0), True
+        self.manager, self.notes = MapManagerNode(SITE, (ROBOT,), MemoryStore()), []
+        self.node = RobotMappingNode(SITE, ROBOT, 1, nonce)
+        others = [
+            Says(LASER, self._laser),
+            Says(NAVIGATOR, self._navigator),
+            Says(keys.ORCHESTRATOR, self._orchestrator),
+        ]
+        nodes = [self.manager, self.node, *others]
+        self._network = Heard(SCENARIO, [node.name for node in nodes], lambda: {ROBOT: self.radio})
+        self._rounds = Rounds(SCENARIO.frame_ns, nodes, self._network, lambda *note: self.notes.append(note[2]))
 
-    def start(self, nonce: bytes) -> None:
-        self.node = RobotMappingNode(Site(SCENARIO), ROBOT, 1, nonce)
+    @property
+    def sent(self) -> list[Envelope]:
+        return self._network.sent
+
+    def restart(self, nonce: bytes) -> None:
+        nodes = self._rounds.nodes
+        nodes[nodes.index(self.node)] = self.node = RobotMappingNode(SITE, ROBOT, 1, nonce)
+
+    def _laser(self, frame):
+        return [(keys.SIM, ME, scan_from(*self._at, frame.stamp_ns))] if self._scans and frame.index % 4 == 0 else []
+
+    def _navigator(self, frame):
+        return [(keys.SIM, ME, Pose(frame.stamp_ns, *self._at, 0.0, 0.0, 0.0, 0.0, 0.1))]
+
+    def _orchestrator(self, frame):
+        return [(keys.RADIO, keys.group(keys.MAPPING), Phase(self.phase))] if frame.index % 10 == 0 else []
 
     def run(self, frames: int, at=(30.0, 30.0), scans: bool = True) -> list[Envelope]:
-        begin = len(self.sent)
+        self._at, self._scans, begin = at, scans, len(self.sent)
         for _ in range(frames):
-            self._one(at, scans)
+            self._rounds.step()
         return self.sent[begin:]
-
-    def _one(self, at, scans: bool) -> None:
-        frame = Frame(self.frame, self.frame * SCENARIO.frame_ns, SCENARIO.frame_ns)
-        last = [e for e in self.sent if e.frame == self.frame - 1]
-        extra: list[object] = [Pose(frame.stamp_ns, *at, 0.0, 0.0, 0.0, 0.0, 0.1)]
-        if scans and self.frame % 4 == 0:
-            extra.append(scan_from(*at, frame.stamp_ns))
-        radio = [e for e in last if e.plane == keys.RADIO and self.radio]
-        if self.radio and self.frame % 10 == 0:
-            radio.append(Envelope(keys.RADIO, ALL, keys.ORCHESTRATOR, self.frame - 1, 0, Phase(self.phase)))
-        mine = [e for e in radio if e.to in (ME, ALL)]
-        own = [Envelope(keys.SIM, ME, SENSORS, self.frame - 1, i, message) for i, message in enumerate(extra)]
-        for node, inbox in ((self.node, mine + own), (self.manager, [e for e in radio if e.to == MANAGER])):
-            node.step(frame, inbox, self._sender(node.name), lambda kind, fields: self.notes.append(kind))
-        self.frame += 1
-
-    def _sender(self, name: str):
-        def send(plane, to, message) -> None:
-            self.sent.append(Envelope(plane, to, name, self.frame, len(self.sent), message))
-
-        return send
 
     def flush(self) -> None:
         self.phase = "flush"
@@ -163,7 +188,7 @@ def test_a_restarted_robot_takes_its_row_over():
     round_ = Round()
     round_.run(60)
     before = {int(r["cell"]): int(r["confidence"]) for r in round_.node.artifacts()["acknowledged"]}
-    round_.start(b"m" * 16)
+    round_.restart(b"m" * 16)
     round_.run(60, at=(32.0, 30.0))
     after = {int(r["cell"]): int(r["confidence"]) for r in round_.node.artifacts()["registers"]}
     assert set(before) <= set(after) and len(before) > 10
@@ -182,7 +207,7 @@ def test_planning_hears_the_global_map_at_once_and_the_local_one_after_each_scan
     assert [m.is_global for m in maps] == [True]
     assert maps[0].occupation.shape == (16, 16) and maps[0].cell_m == 5.0
     assert maps[0].occupation[11, 11] == 254, "the building of the prior"
-    local = [m for m in of(OccupancyGrid, round_.run(40)) if not m.is_global]
+    local = [m for m in of(OccupancyGrid, round_.run(41)) if not m.is_global]
     assert len(local) == 10
     newest = local[-1]
     assert (newest.x0_m, newest.y0_m, newest.cell_m, newest.occupation.shape) == (10.0, 10.0, 0.5, (80, 80))
