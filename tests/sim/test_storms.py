@@ -24,10 +24,11 @@ def test_storm_leaves_every_invariant_whole(first):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_in_calm_weather_the_map_is_what_the_robots_would_have_made_alone(seed):
     """All that the fault-free map of a storm is compared with, by a run in which nothing is broken."""
-    calm = Plan(seed, plan_of(seed).robots)
-    history = Storm(calm, ALL_REAL).run()
+    storm = Storm(Plan(seed, plan_of(seed).robots), ALL_REAL)
+    history = storm.run()
     assert history.fault_free_hash == history.manager_hash and history.end is not None
     assert not list(violations(history)) and history.restarts == 0 and not history.fenced
+    assert not storm.network.refused and all(len(own) > 50 for own in history.own.values())
 
 
 def _first_catch(mutant: type) -> int | None:

@@ -83,8 +83,8 @@ class Storm:
         navigators = [Navigator(plan.seed, robot, SCAN_FRAMES) for robot in plan.robots]
         nodes = [self._manager, self._orchestrator, *self._mappings, *lasers, *navigators]
         names = {keys.WORLD, *(node.name for node in nodes)}
-        self._network = Network(self._scenario, sorted(names), dict, plan.forecast)
-        self._rounds = Rounds(self._scenario.frame_ns, nodes, self._network, lambda *note: None)
+        self.network = Network(self._scenario, sorted(names), dict, plan.forecast)
+        self._rounds = Rounds(self._scenario.frame_ns, nodes, self.network, lambda *note: None)
 
     # --- machines ----------------------------------------------------------------------------------------------------
 
@@ -212,7 +212,7 @@ class Storm:
     def _meddle(self, frame: int) -> None:
         if self._rng.random() < 0.2 and self._overheard:
             old = self._overheard[int(self._rng.integers(len(self._overheard)))]
-            self._network.carry(frame, [replace(old, frame=frame)])
+            self.network.carry(frame, [replace(old, frame=frame)])
         manager = self._manager.node
         if self._rng.random() < 0.1 and isinstance(manager, MapManagerNode) and not manager._sync.store_full:
             self._send_rubbish(frame, manager)
@@ -241,7 +241,7 @@ class Storm:
         stamp_ns = frame * self._scenario.frame_ns
         node.step(Frame(frame, stamp_ns, self._scenario.frame_ns), [batch], send, lambda *note: None)
         self.history.rejected_changes += state() != before or sync.rejected.total() != counted + 1
-        self._network.carry(frame, sent)
+        self.network.carry(frame, sent)
 
     # --- the whole run -----------------------------------------------------------------------------------------------
 
@@ -252,7 +252,7 @@ class Storm:
             if self._plan.meddled:
                 self._meddle(frame)
         self._heal()
-        healed = max(STORM_FRAMES, self._network.last_due())
+        healed = max(STORM_FRAMES, self.network.last_due())
         for frame in range(STORM_FRAMES, STORM_FRAMES + END_WITHIN_FRAMES):
             self._rounds.step()
             rests = self._is_quiet()
@@ -264,7 +264,7 @@ class Storm:
         return self._conclude(frame)
 
     def _hear_end(self, frame: int, rests: bool) -> None:
-        for envelope in self._network.arrived(keys.WORLD, frame + 1):
+        for envelope in self.network.arrived(keys.WORLD, frame + 1):
             if isinstance(envelope.message, RunEnd) and self.history.end is None:
                 self.history.end, self.history.rests_at_end = envelope.message, rests
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing
-import os
 import signal
 import sys
 import time
@@ -66,9 +65,10 @@ def again(seed: int) -> int:
 
 
 def outcomes(seeds: int) -> Iterator[Outcome]:
-    """As they come, from one process per core; workers leave Ctrl-C to this one."""
-    context = multiprocessing.get_context("spawn")
-    with context.Pool(os.cpu_count(), signal.signal, (signal.SIGINT, signal.SIG_IGN)) as pool:
+    """As they come, from one process per core; the workers inherit that Ctrl-C is not for them."""
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with multiprocessing.get_context("spawn").Pool() as pool:
+        signal.signal(signal.SIGINT, handler)
         yield from pool.imap_unordered(play_seed, range(seeds), chunksize=CHUNK)
 
 
