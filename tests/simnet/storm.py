@@ -35,6 +35,7 @@ from orograph.protocol.robot import RobotSync
 from orograph.protocol.tiles import map_hash
 from orograph.runtime.network import Network
 from orograph.runtime.rounds import Rounds
+from orograph.scene.site import Site
 from simnet.history import Acked, Commit, History, Load, Sighting
 from simnet.machine import Machine, Sent, WatchedStore
 from simnet.plan import SCAN_FRAMES, STORM_FRAMES, Fault, Plan, plan_of
@@ -70,6 +71,7 @@ class Storm:
     def __init__(self, plan: Plan, cast: Cast) -> None:
         self._plan, self._cast, self.history = plan, cast, History(plan.seed, PRIOR)
         self._scenario = street_of(plan.seed, len(plan.robots))
+        self._site = Site(self._scenario)
         self._rng = np.random.default_rng([plan.seed, 2])
         self._store = WatchedStore(self._committed)
         self._overheard: list[Envelope] = []
@@ -98,7 +100,7 @@ class Storm:
     def _new_mapping(self, robot: str) -> RobotMappingNode:
         self._lives += 1
         nonce = self._plan.seed.to_bytes(8, "little") + self._lives.to_bytes(8, "little")
-        node = self._cast.mapping(self._scenario, robot, self._plan.seed, nonce, limits=SMALL)
+        node = self._cast.mapping(self._site, robot, self._plan.seed, nonce, limits=SMALL)
         if self._cast.robot_sync is not RobotSync:
             node._sync = self._cast.robot_sync(robot, SCENARIO.grid.grid.shape, PRIOR, nonce, self._plan.seed, SMALL)
         return node
@@ -111,14 +113,14 @@ class Storm:
         return node
 
     def _manager_node(self) -> MapManagerNode:
-        node = self._cast.manager(self._scenario, self._plan.robots, self._store, limits=SMALL)
+        node = self._cast.manager(self._site, self._plan.robots, self._store, limits=SMALL)
         if self._cast.manager_sync is not ManagerSync:
             shape = SCENARIO.grid.grid.shape
             node._sync = self._cast.manager_sync(shape, PRIOR, RULES, self._store, self._plan.robots, limits=SMALL)
         return node
 
     def _new_orchestrator(self) -> OrchestratorNode:
-        return self._cast.orchestrator(self._scenario, self._plan.robots, self._plan.seed)
+        return self._cast.orchestrator(self._site, self._plan.robots, self._plan.seed)
 
     def _break(self, frame: int) -> None:
         """What the plan has for this frame."""
