@@ -48,7 +48,7 @@ def test_each_number_is_run_once_and_told_beside_the_paper(
     assert [(r["robots"], r["speed_up"], r["paper_s"]) for r in rows] == [(1, 1.0, 445), (3, 3.0, 190)]
     assert "3.00" in (tmp_path / "new" / STUDY_PAGE).read_text()
     printed = capsys.readouterr().out
-    assert "150.0" in printed
+    assert "150.0" in printed and "[s]" in printed and "[s of simulation" in printed
     assert "2.34" in printed
 
 
