@@ -21,7 +21,7 @@ SCENARIO = Scenario.model_validate(
     {
         "name": "storm", "title": "A street in a storm", "frame_ms": 200, "duration_max_s": 600,
         "grid": {"rows": 24, "cols": 9}, "hrm": {"cells": 20, "per_glrm_cell": 2},
-        "laser": {"rings": 5, "columns": 24, "range_max_m": 20, "period_frames": 2,
+        "laser": {"rings": 5, "columns": 24, "range_max_m": 20, "period_frames": 3,
                   "elevation_min_deg": -25, "elevation_max_deg": -2},
         "starts": [{"x_m": 22, "y_m": 20 + 20 * i} for i in range(4)], "base_station_m": [5, 5],
         "patrol": [[22, 30], [22, 90]], "prior": {"confidence": 4},
