@@ -236,12 +236,14 @@ class Storm:
         def send(plane: str, to: str, message: Message) -> None:
             sent.append(Envelope(plane, to, keys.MANAGER, frame, len(sent), message))
 
+        fails, self._store.fail_next = self._store.fail_next, None
         before, counted = state(), sync.rejected.total()
         batch = Envelope(
             keys.RADIO, keys.MANAGER, keys.node(keys.MAPPING, robot), frame, 0, Batch(sync.epoch(robot), records)
         )
         stamp_ns = frame * self._scenario.frame_ns
         node.step(Frame(frame, stamp_ns, self._scenario.frame_ns), [batch], send, lambda *note: None)
+        self._store.fail_next = fails
         self.history.rejected_changes += state() != before or sync.rejected.total() != counted + 1
         self.network.carry(frame, sent)
 
