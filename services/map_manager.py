@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import secrets
 import time
 
 from orograph import keys
@@ -24,7 +25,8 @@ def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[MapManagerN
     scenario, stages = briefing.scenario, StageRecorder(time.perf_counter_ns)
     briefing.folder.mkdir(parents=True, exist_ok=True)
     store = SqliteStore(briefing.folder / STORE, scenario.grid.grid.shape, metrics.COMMIT.time)
-    return [MapManagerNode(Site(scenario), scenario.robot_ids, store, stages)], {keys.MANAGER: stages}
+    node = MapManagerNode(Site(scenario), scenario.robot_ids, store, stages, draw=secrets.randbits(31))
+    return [node], {keys.MANAGER: stages}
 
 
 if __name__ == "__main__":

@@ -147,10 +147,12 @@ MAPPING: Rows = {
               (f"sum(rate(orograph_map_records_repeated_total[{RATE}]))", "records again")),
         graph("Copies", f"sum(rate(orograph_copy_gaps_total{{{ROBOT}}}[{RATE}]))", "gaps", "cps",
               (f"sum(rate(orograph_copy_digest_mismatches_total{{{ROBOT}}}[{RATE}]))", "digests that differ"),
+              (f"sum(rate(orograph_copy_strangers_total{{{ROBOT}}}[{RATE}]))", "of another manager"),
               (f"sum(rate(orograph_copy_requests_total{{{ROBOT}}}[{RATE}]))", "repairs asked for"),
               (f"sum(rate(orograph_copy_repairs_total{{{ROBOT}}}[{RATE}]))", "repairs come")),
         graph("Refused inputs", f"sum by (reason) (rate(orograph_map_inputs_rejected_total[{RATE}]))", "{{reason}}",
-              "cps", ("max(orograph_store_full)", "store full")),
+              "cps", ("max(orograph_store_full)", "store full"),
+              (f"sum(orograph_uplink_registers_lost_total{{{ROBOT}}})", "registers lost")),
     ),
 }  # fmt: skip
 
@@ -159,7 +161,7 @@ CLUSTER: Rows = {
         graph("Processes that answer", "sum by (job) (up)", "{{job}}"),
         graph("Robots served", "sum by (job) (orograph_robots_held)", "{{job}}"),
         graph("Starts within 5 minutes", "changes(job:process_start_time_seconds:max[5m])", "{{job}}", "short",
-              ("max by (robot) (orograph_uplink_epoch)", "{{robot}} epoch")),
+              ("changes(robot:orograph_uplink_epoch:max[5m])", "{{robot}} epochs")),
         graph("Claims", f"sum by (answer) (rate(orograph_claims_total[{RATE}]))", "{{answer}}", "cps"),
         graph("Age of the youngest process", "time() - job:process_start_time_seconds:max", "{{job}}", "s"),
         graph("Scrape", "max by (job) (scrape_duration_seconds)", "{{job}}", "s"),

@@ -170,6 +170,7 @@ class Welcome(Message, routes=DOWN):
 
     nonce: bytes = raw(16)
     epoch: int = integer(1, U4)
+    manager_epoch: int = integer(1, U4, "the life of the manager that holds this row")
     part: int = integer(0, 65_535)
     parts: int = integer(1, 65_536)
     row: Packed = array(REGISTER, (AtMost(1024),))
@@ -229,7 +230,7 @@ class Digest(Message, routes=DOWN_TO_ALL):
 class CellsRequest(Message, routes=UP):
     """Send me what changed since `since_version`, or all of these tiles."""
 
-    manager_epoch: int = integer(0, U4, "0 = I know none: send everything")
+    manager_epoch: int = integer(0, U4, "of whom this is asked; nobody else answers; 0 = whoever hears it")
     since_version: int = integer(0, U4)
     tiles: Packed = array("<u2", (AtMost(TILES_MAX),), "empty: by version; else whole tiles")
 

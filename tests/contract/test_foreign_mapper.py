@@ -20,6 +20,7 @@ from orograph.runtime import briefing
 from orograph.runtime.claims import Claims
 from orograph.runtime.host import NodeHost
 from orograph.runtime.participant import Participant, Ticks
+from orograph.scene.site import Site
 from orograph.storage.recording import Recording
 
 STOP = threading.Event()
@@ -40,7 +41,7 @@ def test_a_mapper_made_from_the_book_brings_its_evidence_home(
     start_router(sim)
     start_router(radio)
     watchdog, world = Stop(), Chatter(keys.WORLD)
-    manager = MapManagerNode(SCENARIO, SCENARIO.robot_ids, MemoryStore())
+    manager = MapManagerNode(Site(SCENARIO), SCENARIO.robot_ids, MemoryStore())
     with ExitStack() as stack:
         recording = stack.enter_context(Recording(tmp_path, "all"))
         bus, own, foreign = (stack.enter_context(Bus.open(sim, radio, STOP)) for _ in range(3))

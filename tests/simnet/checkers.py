@@ -84,7 +84,8 @@ def rejected_changes_nothing(history: History) -> list[str]:
 
 def fencings_are_explained(history: History) -> list[str]:
     """Of two with one id the fenced one comes back where the other's acks are lost for long: a conflict once more."""
-    conflicts = history.conflicts + history.returns
+    forgotten = history.lost_disks * len(history.copy_hashes)  # nonces that may come again, late, as new ones
+    conflicts = history.conflicts + history.returns + forgotten
     return invariants.fencings_explained(len(history.fenced), conflicts, history.restarts)
 
 

@@ -66,6 +66,8 @@ class History:
     conflicts: int = 0
     returns: int = 0
     """How often one of two with one id, fenced, said hello again after it had heard nothing of the other for 3 s."""
+    lost_disks: int = 0
+    """Acks, commits and sightings are of the time since then."""
     rejected_changes: int = 0
     """Inputs that had to be rejected but changed the manager's state or were not counted."""
     quiet: bool = False

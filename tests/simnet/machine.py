@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from orograph.messages import Envelope, Frame, Message
 from orograph.node import Node, Note, Send
-from orograph.protocol.store import Changes, MemoryStore, StoreFailed
+from orograph.protocol.store import Changes, MemoryStore, StoredState, StoreFailed
 
 RESTART_FRAMES = 2
 """After a failed sync."""
@@ -69,9 +69,10 @@ class Machine:
 class WatchedStore(MemoryStore):
     """Tells of every commit that became durable."""
 
-    def __init__(self, committed: Callable[[], None]) -> None:
+    def __init__(self, committed: Callable[[], None], held: StoredState | None = None) -> None:
         super().__init__()
         self._committed = committed
+        self._held = held or self._held
 
     def commit(self, changes: Changes) -> None:
         before = self.commits

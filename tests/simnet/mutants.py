@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from orograph.messages import REGISTER, UPDATE, Batch, Delta, Welcome
+from orograph.messages import REGISTER, U4, UPDATE, Batch, Delta, Welcome
 from orograph.protocol.copy import GlrmCopy
 from orograph.protocol.manager import ManagerSync, _Intake
 from orograph.protocol.robot import RobotSync, SyncResult
 from orograph.protocol.store import Changes, Granted
 
-TWINS = [seed for seed in range(7, 700, 7) if seed % 3]
+TWINS = [seed for seed in range(7, 700, 7) if seed % 3 and seed % 5 != 4]
 """Storms in which two containers claim one id: what only they show is looked for there."""
+LOST_DISKS = range(4, 500, 5)
+"""Storms in which the manager loses its disk."""
 
 # --- managers --------------------------------------------------------------------------------------------------------
 
@@ -119,13 +121,22 @@ class VersionsStartAgain(ManagerSync):
         self._downlink._epoch, self._downlink.version, self._downlink._published = 1, 0, 0
 
 
+class EpochsBeginAgain(ManagerSync):
+    """Counts its lives and the robots' epochs from 1 in every new store."""
+
+    seeds = LOST_DISKS
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, **{**kwargs, "draw": 0})
+
+
 class StoreForgotten(ManagerSync):
     """Recovers the registers of the first robot only."""
 
-    def __init__(self, shape, prior, rules, store, robots, limits):
+    def __init__(self, shape, prior, rules, store, robots, **kwargs):
         held = store.load()
         kept = {robot: rows for robot, rows in held.registers.items() if robot == 1}
-        super().__init__(shape, prior, rules, _Shown(store, replace(held, registers=kept)), robots, limits=limits)
+        super().__init__(shape, prior, rules, _Shown(store, replace(held, registers=kept)), robots, **kwargs)
 
 
 class _Shown:
@@ -172,7 +183,7 @@ class DeltaOverAGap(_WithCopy):
 
 class _OldCellsWin(GlrmCopy):
     def take_delta(self, delta):
-        if self._in_epoch(delta.manager_epoch):
+        if self._followed(delta.manager_epoch):
             self.cells["version"] = 0
             (self._apply if delta.last_version <= self.version else super().take_delta)(delta)
 
@@ -197,6 +208,52 @@ class _Deaf(GlrmCopy):
 
 class IgnoresDigests(_WithCopy):
     copy_class = _Deaf
+
+
+class _FollowsAnybody(GlrmCopy):
+    def _followed(self, manager_epoch):
+        if manager_epoch != self.manager_epoch:
+            self._follow(manager_epoch)
+        return True
+
+
+class FollowsAnyLife(_WithCopy):
+    """Takes the first word of another life of the manager for its truth, whoever says it."""
+
+    copy_class = _FollowsAnybody
+
+
+class _FollowsLater(GlrmCopy):
+    def _followed(self, manager_epoch):
+        if manager_epoch > self.manager_epoch:
+            self._follow(manager_epoch)
+        return manager_epoch == self.manager_epoch
+
+
+class IgnoresLowerLives(_WithCopy):
+    """Holds a manager epoch that is lower than the greatest heard for the past."""
+
+    copy_class = _FollowsLater
+
+
+class NeverAsksAgain(RobotSync):
+    """Believes that every life of the manager holds what an earlier one acknowledged."""
+
+    seeds = LOST_DISKS
+
+    def step(self, now_ns, inbox, send):
+        self._joining.follow = lambda manager_epoch: None
+        return super().step(now_ns, inbox, send)
+
+
+class GivesUpAfterOneAck(RobotSync):
+    """Takes any ack of a higher epoch as proof that another instance has this robot."""
+
+    def _take_ack(self, ack, now_ns):
+        if ack.epoch > (self.epoch or U4):
+            self._joining._stop(now_ns)
+            self._joining.superseded = True
+        return super()._take_ack(ack, now_ns)
 
 
 class ForgetsItsRow(RobotSync):
@@ -242,7 +299,7 @@ class SentIsAcked(RobotSync):
 
         result = super().step(now_ns, inbox, keep)
         gone = np.concatenate(sent)
-        cleared = self._outbox.acknowledge(gone["cell"], gone["seq"])
+        cleared = self._outbox.acknowledge(gone["cell"], gone["seq"], self.epoch or 0)
         return SyncResult(np.concatenate([result.acknowledged, cleared]), result.adopted, result.first_life)
 
 
@@ -250,7 +307,7 @@ class AckClearsWhateverSeq(RobotSync):
     def _take_ack(self, ack, now_ns):
         if not self._joining.hear_ack_of(ack.epoch, now_ns):
             return np.zeros(0, UPDATE)
-        return self._outbox.acknowledge(ack.acked["cell"], self._outbox.own["seq"][ack.acked["cell"]])
+        return self._outbox.acknowledge(ack.acked["cell"], self._outbox.own["seq"][ack.acked["cell"]], ack.epoch)
 
 
 class EchoesTheMap(RobotSync):
@@ -319,8 +376,8 @@ def _ack_of(batch):
 PROTOCOL = (
     AckBeforeCommit, AckThoughDiskIsFull, PublishBeforeCommit, NoSequenceCheck, NoEpochCheck, BelievesAnything,
     NewEpochForEveryHello, EpochsInMemoryOnly, WelcomeWithoutTheRow, FoldInOrderOfArrival, VersionsStartAgain,
-    StoreForgotten, RepairLeavesCellsOut,
+    EpochsBeginAgain, StoreForgotten, RepairLeavesCellsOut,
     DeltaOverAGap, LateDeltaOverwrites, FirstPartIsEnough, IgnoresDigests, ForgetsItsRow, LocalEvidenceOverRow,
     ForgetsDirtyCells, SentIsAcked, AckClearsWhateverSeq, EchoesTheMap, FencedFightsBack, SameNonceAfterRestart,
-    TakesAnyWelcome, UnboundedFlight,
+    TakesAnyWelcome, UnboundedFlight, FollowsAnyLife, IgnoresLowerLives, NeverAsksAgain, GivesUpAfterOneAck,
 )  # fmt: skip

@@ -23,6 +23,13 @@ class Fault(NamedTuple):
     frames: int
 
 
+class LostDisk(NamedTuple):
+    """The manager ends and comes back with what its disk held at an earlier frame; with nothing, at frame 0."""
+
+    begin: int
+    copied: int
+
+
 @dataclass(frozen=True)
 class Plan:
     """One storm; without its faults it is the run that nothing disturbs, over the same scans."""
@@ -40,8 +47,9 @@ class Plan:
     """(frame, "lost" or "kept"): of the next commit."""
     twins: tuple[Fault, ...] = ()
     """A second container with the id of a robot."""
+    lost_disks: tuple[LostDisk, ...] = ()
     meddled: bool = False
-    """Radio messages are recorded and sent again, and spoiled batches are sent."""
+    """Radio messages are recorded and sent again, spoiled batches sent, and words forged in the manager's name."""
 
     @property
     def every_scan_counts(self) -> bool:
@@ -60,10 +68,14 @@ class Plan:
 
 
 def plan_of(seed: int) -> Plan:
-    """Every third seed keeps the robots' memory, so that invariant 11 is judged; every seventh has a twin."""
+    """Every third seed keeps the robots' memory, so that invariant 11 is judged; every seventh has a twin.
+
+    In every fifth the manager loses its disk, without a twin: what one of two has put over the other's is then lost.
+    """
     rng = np.random.default_rng([seed, 1])
     robots = tuple(keys.robot_id(i + 1) for i in range(2 + (seed % 4 == 1)))
-    keeps_memory, twin = seed % 3 == 0, seed % 3 != 0 and seed % 7 == 0
+    loses_disk = seed % 5 == 4
+    keeps_memory, twin = seed % 3 == 0, seed % 3 != 0 and seed % 7 == 0 and not loses_disk
     deaths = [*_faults(rng, keys.MANAGER, 0.025, 10), *_faults(rng, keys.ORCHESTRATOR, 0.008, 10)]
     hangs = _faults(rng, keys.MANAGER, 0.008, 20)
     twins = []
@@ -75,7 +87,7 @@ def plan_of(seed: int) -> Plan:
         twins.append(Fault(keys.node(keys.MAPPING, str(rng.choice(robots))), STORM_FRAMES // 3, STORM_FRAMES))
     return Plan(
         seed, robots, (*_weathers(rng), *_cuts(rng, robots)), tuple(deaths), tuple(hangs), _full_disk(rng),
-        _failed_syncs(rng), tuple(twins), meddled=True,
+        _failed_syncs(rng), tuple(twins), _lost_disk(rng) if loses_disk else (), meddled=True,
     )  # fmt: skip
 
 
@@ -114,3 +126,8 @@ def _full_disk(rng: np.random.Generator) -> tuple[tuple[int, int], ...]:
 
 def _failed_syncs(rng: np.random.Generator) -> tuple[tuple[int, str], ...]:
     return tuple((begin, str(rng.choice(["lost", "kept"]))) for begin in _frames(rng, 0.04))
+
+
+def _lost_disk(rng: np.random.Generator) -> tuple[LostDisk, ...]:
+    begin = int(rng.integers(STORM_FRAMES // 3, STORM_FRAMES))
+    return (LostDisk(begin, int(rng.choice([0, begin // 2]))),)

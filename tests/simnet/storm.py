@@ -13,7 +13,10 @@ from functools import partial
 import numpy as np
 from orograph import keys
 from orograph.messages import (
+    ACKED,
+    CELL,
     ROBOT_REGISTER,
+    U4,
     UPDATE,
     Ack,
     Batch,
@@ -29,16 +32,19 @@ from orograph.messages import (
 from orograph.nodes.map_manager import MapManagerNode
 from orograph.nodes.orchestrator import OrchestratorNode
 from orograph.nodes.robot_mapping import RobotMappingNode
+from orograph.protocol.copy import GlrmCopy
 from orograph.protocol.fold import fold_registers
+from orograph.protocol.joining import EPOCH_STEP_MAX
 from orograph.protocol.manager import ManagerSync
 from orograph.protocol.robot import RobotSync
-from orograph.protocol.tiles import map_hash
+from orograph.protocol.store import StoredState
+from orograph.protocol.tiles import Tiles, map_hash
 from orograph.runtime.network import Network
 from orograph.runtime.rounds import Rounds
 from orograph.scene.site import Site
 from simnet.history import Acked, Commit, History, Load, Sighting
 from simnet.machine import Machine, Sent, WatchedStore
-from simnet.plan import SCAN_FRAMES, STORM_FRAMES, Fault, Plan, plan_of
+from simnet.plan import SCAN_FRAMES, STORM_FRAMES, Fault, LostDisk, Plan, plan_of
 from simnet.street import PRIOR, RULES, SCENARIO, SIZE, SMALL, Laser, Navigator, mapped_alone, street_of
 
 END_WITHIN_FRAMES = 400
@@ -72,8 +78,13 @@ class Storm:
         self._plan, self._cast, self.history = plan, cast, History(plan.seed, PRIOR)
         self._scenario = street_of(plan.seed, len(plan.robots))
         self._site = Site(self._scenario)
-        self._rng = np.random.default_rng([plan.seed, 2])
+        self._rng, self._draws = np.random.default_rng([plan.seed, 2]), np.random.default_rng([plan.seed, 4])
         self._store = WatchedStore(self._committed)
+        self._copies: dict[int, StoredState] = {}
+        """What the disk held at a frame."""
+        self._misled: set[str] = set()
+        self._manager_epochs: set[int] = set()
+        """Of the managers that had the present store."""
         self._overheard: list[Envelope] = []
         self._lives, self._silent_since = 0, dict[str, int]()
         self._manager = Machine(keys.MANAGER, self._new_manager, self._manager_stepped)
@@ -113,10 +124,12 @@ class Storm:
         return node
 
     def _manager_node(self) -> MapManagerNode:
-        node = self._cast.manager(self._site, self._plan.robots, self._store, limits=SMALL)
+        given = {"limits": SMALL, "draw": int(self._draws.integers(2**31))}
+        node = self._cast.manager(self._site, self._plan.robots, self._store, **given)
         if self._cast.manager_sync is not ManagerSync:
             shape = SCENARIO.grid.grid.shape
-            node._sync = self._cast.manager_sync(shape, PRIOR, RULES, self._store, self._plan.robots, limits=SMALL)
+            node._sync = self._cast.manager_sync(shape, PRIOR, RULES, self._store, self._plan.robots, **given)
+        self._manager_epochs.add(node._sync.manager_epoch)
         return node
 
     def _new_orchestrator(self) -> OrchestratorNode:
@@ -128,9 +141,22 @@ class Storm:
         for faults, strike in ((self._plan.deaths, Machine.kill), (self._plan.hangs, Machine.hang)):
             for fault in (fault for fault in faults if fault.begin == frame):
                 strike(next(m for m in machines if m.name == fault.name), frame, fault.frames)
+        self._copies[frame] = self._store.load()
+        for lost in self._plan.lost_disks:
+            if lost.begin == frame:
+                self._lose_disk(lost)
         for begin, outcome in self._plan.failed_syncs:
             self._store.fail_next = outcome if begin == frame else self._store.fail_next
         self._store.full = any(begin <= frame < end for begin, end in self._plan.full_disk)
+
+    def _lose_disk(self, lost: LostDisk) -> None:
+        """From here on the new store is judged; what the old one acknowledged only the robots still have."""
+        self._manager.kill(lost.begin, 5)
+        self._store = WatchedStore(self._committed, self._copies[lost.copied])
+        self._manager_epochs.clear()
+        self.history.lost_disks += 1
+        for judged in (self.history.acked, self.history.commits, self.history.sightings):
+            judged.clear()
 
     def _heal(self) -> None:
         self._store.fail_next, self._store.full = None, False
@@ -173,17 +199,23 @@ class Storm:
     def _mapping_stepped(self, machine: Machine, frame: Frame, inbox: Sequence[Envelope], sent: Sequence[Sent]) -> None:
         assert isinstance(machine.node, RobotMappingNode)
         self._overhear(machine.name, sent)
-        sync, copy = machine.node._sync, machine.node._sync.copy
+        name, sync, copy = self._name(machine), machine.node._sync, machine.node._sync.copy
         load = self.history.loads.setdefault(machine.name, Load())
         load.waiting = max(load.waiting, sync.waiting_cells)
         load.flights = max(load.flights, sync._outbox.flights)
-        self._watch_fence(self._name(machine), sync, frame.index, inbox, sent)
+        self._watch_fence(name, sync, frame.index, inbox, sent)
         batches = [len(message.records) for _, _, message in sent if isinstance(message, Batch)]
         load.batch_records = max([load.batch_records, *batches])
-        if any(isinstance(envelope.message, Delta | Digest) for envelope in inbox):
-            name = self._name(machine)
+        if any(isinstance(envelope.message, Delta | Digest) for envelope in inbox) and self._is_judged(name, copy):
             sighting = Sighting(name, copy.manager_epoch, copy.version, copy.cells.copy(), len(self.history.commits))
             self.history.sightings.append(sighting)
+
+    def _is_judged(self, name: str, copy: GlrmCopy) -> bool:
+        """Not while it follows a forger, whom it heard first of all, or a lost store, nor while it gets over that."""
+        if copy.manager_epoch == U4:
+            self._misled.add(name)
+        ours = copy.manager_epoch in self._manager_epochs and copy.version > 0
+        return ours or not (self.history.lost_disks or name in self._misled)
 
     def _watch_fence(
         self, name: str, sync: RobotSync, frame: int, inbox: Sequence[Envelope], sent: Sequence[Sent]
@@ -192,7 +224,9 @@ class Storm:
         if sync.fenced:
             self._silent_since.setdefault(name, frame)
         acks = [envelope.message for envelope in inbox if isinstance(envelope.message, Ack)]
-        if name in self._silent_since and any(ack.epoch > sync._joining._last_epoch for ack in acks):
+        if name in self._silent_since and any(
+            0 < ack.epoch - sync._joining._last_epoch <= EPOCH_STEP_MAX for ack in acks
+        ):
             self._silent_since[name] = frame
         if name in self._silent_since and any(isinstance(message, Hello) for _, _, message in sent):
             silent = frame - self._silent_since.pop(name) >= SILENCE_FRAMES
@@ -215,9 +249,25 @@ class Storm:
         if self._rng.random() < 0.2 and self._overheard:
             old = self._overheard[int(self._rng.integers(len(self._overheard)))]
             self.network.carry(frame, [replace(old, frame=frame)])
+        if self._draws.random() < 0.05 and all(node._sync.copy.manager_epoch for _, node in self._living()):
+            self.network.carry(frame, [self._forged(frame)])
         manager = self._manager.node
         if self._rng.random() < 0.1 and isinstance(manager, MapManagerNode) and not manager._sync.store_full:
             self._send_rubbish(frame, manager)
+
+    def _forged(self, frame: int) -> Envelope:
+        """What an outsider says in the manager's name, of a life that there is not; a robot follows the first heard."""
+        cells = np.zeros(3, CELL)
+        cells["cell"], cells["version"], cells["height"] = (0, 1, 2), U4, 77_000
+        tiles = np.zeros((Tiles(SCENARIO.grid.grid.shape).count, 16), np.uint8)
+        lies = (
+            Digest(U4, U4, tiles), Delta(U4, 0, U4, 0, 1, False, cells), Delta(U4, 0, U4, 0, 1, True, cells),
+            Ack(U4, np.zeros(0, ACKED)),
+        )  # fmt: skip
+        lie = lies[int(self._draws.integers(len(lies)))]
+        robot = keys.node(keys.MAPPING, str(self._draws.choice(self._plan.robots)))
+        to = robot if isinstance(lie, Ack) else keys.group(keys.MAPPING)
+        return Envelope(keys.RADIO, to, keys.MANAGER, frame, 0, lie)
 
     def _send_rubbish(self, frame: int, node: MapManagerNode) -> None:
         """One batch of a known robot's present epoch with something wrong in it: it must be counted and do nothing."""
@@ -278,9 +328,11 @@ class Storm:
     def _is_quiet(self) -> bool:
         if not isinstance(self._manager.node, MapManagerNode):
             return False
-        writers, version = self._writers(), self._manager.node._sync.version
+        writers, manager = self._writers(), self._manager.node._sync
         flushed = all(node._sync.flushed and not len(node._mapper.unacknowledged()) for node in writers)
-        current = all(node._sync.copy.version == version for _, node in self._living())
+        copies = [node._sync.copy for _, node in self._living()]
+        now = manager.manager_epoch, manager.version
+        current = all((copy.manager_epoch, copy.version) == now for copy in copies)
         return flushed and current and len(writers) == len(self._plan.robots)
 
     def _conclude(self, frame: int) -> History:

@@ -22,16 +22,20 @@ COVERAGE = np.dtype([("stamp_ns", "<i8"), ("confident_cells", "<u4"), ("version"
 
 
 class MapManagerNode:
-    """Glue of `ManagerSync`; raises StoreFailed from `step`, upon which the process must end and recover."""
+    """Glue of `ManagerSync`; raises StoreFailed from `step`, upon which the process must end and recover.
+
+    `draw` is a random number of 31 bits.
+    """
 
     def __init__(
         self, site: Site, robots: tuple[str, ...], store: Store, stage: Stage = untimed,
-        limits: Limits = LIMITS,
+        limits: Limits = LIMITS, draw: int = 0,
     ) -> None:  # fmt: skip
         self.name = keys.node(keys.MANAGER)
         scenario, grid, self._robots = site.scenario, site.scenario.grid.grid, robots
         self._prior = site.prior
-        self._sync = ManagerSync(grid.shape, self._prior, Rules.of(scenario.rules), store, robots, stage, limits)
+        rules = Rules.of(scenario.rules)
+        self._sync = ManagerSync(grid.shape, self._prior, rules, store, robots, stage, limits, draw)
         self._status = Every(SECOND_NS)
         self._coverage: list[tuple[int, int, int]] = []
 

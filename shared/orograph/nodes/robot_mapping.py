@@ -118,7 +118,7 @@ class RobotMappingNode:
         self._sync.offer(records)
 
     def _synchronise(self, from_manager: Sequence[Message], send: Send, note: Note) -> None:
-        epoch, fenced = self._sync.epoch, self._sync.fenced
+        epoch, fenced, lost = self._sync.epoch, self._sync.fenced, self._sync.registers_lost
 
         def send_up(message: Message) -> None:
             if isinstance(message, Hello):
@@ -131,8 +131,10 @@ class RobotMappingNode:
             self._adopt(result.adopted, result.first_life)
         if self._sync.fenced and not fenced:
             note("fenced", {"epoch": epoch or 0})
+        if self._sync.registers_lost > lost:
+            note("store-lost", {"registers": self._sync.registers_lost - lost})
+        self._flushed &= self._sync.flushed
         if self._sync.epoch is not None and self._sync.epoch != epoch:
-            self._flushed = False
             note("welcome", {"epoch": self._sync.epoch, "row_cells": len(result.adopted)})
 
     def _adopt(self, row: Packed, first_life: bool) -> None:

@@ -9,11 +9,13 @@ import numpy as np
 from orograph.arrays import I64
 from orograph.grid import Grid
 from orograph.layers import MAPPED_LAYERS, CellMap, Layer
-from orograph.messages import CELL, CellsRequest, Delta, Digest, Packed
+from orograph.messages import CELL, U4, CellsRequest, Delta, Digest, Packed
 from orograph.protocol.tiles import TileHashes, Tiles, map_hash
 from orograph.registers import unpack
 
 NO_TILES = np.zeros(0, "<u2")
+PAST_DIGESTS_MAX = 8
+"""So many in a row, 16 s of them, and the versions here are taken for a lie; late ones come a few at a time."""
 PARTS_KEPT = 8
 """Deltas of which some parts have come: the oldest is forgotten when there are more."""
 
@@ -25,6 +27,10 @@ class GlrmCopy:
     no harm, and what comes over a gap is taken cell by cell. The version rises only when nothing up to it is missing:
     by a beat or a complete answer that begins where the copy stands, by a digest that agrees in all tiles, or when
     every cell of the tiles in which it did not agree has been repaired.
+
+    Words of another life of the manager change nothing until that life has answered a question of this copy; then a
+    digest of it must tell what of the copy still holds. So a manager that lost its store is followed as one that
+    restarted, and no single message, forged or late, makes the copy leave the life that it follows.
     """
 
     def __init__(self, shape: tuple[int, int], prior: Packed) -> None:
@@ -38,11 +44,14 @@ class GlrmCopy:
         self.wanted: CellsRequest | None = None
         """What this copy lacks and should ask for."""
         self._asked = False
+        self._stranger = 0
+        """Another life of the manager than the one followed, which has been heard since the latter."""
         self._unsure = False
         """The manager began a new life: a digest must tell what of this copy still holds."""
         self._lacking = np.zeros(len(prior), np.bool_)
         self._lacking_since = 0
         """Version of the digest that found these cells' tiles to differ."""
+        self._past_digests = 0
         self._parts: dict[tuple[int, int, int, bool], set[int]] = {}
         self.counts: Counter[str] = Counter()
 
@@ -61,7 +70,9 @@ class GlrmCopy:
 
     def take_delta(self, delta: Delta) -> None:
         """Apply a part of a beat or of a repair, and raise the version when it is complete."""
-        if not self._in_epoch(delta.manager_epoch):
+        if self._answers(delta):
+            self._follow(delta.manager_epoch)
+        if not self._followed(delta.manager_epoch):
             return
         outside = len(delta.cells) and int(delta.cells["cell"].max()) >= len(self.cells)
         if outside or delta.part >= delta.parts:
@@ -80,16 +91,35 @@ class GlrmCopy:
         if gap and not self._unsure:
             self._want_since()
 
-    def _in_epoch(self, epoch: int) -> bool:
-        """Whether a message is of the manager's present life; a later life makes all versions here uncertain."""
-        if epoch > self.manager_epoch:
-            self._unsure = self.manager_epoch > 0
-            self.manager_epoch, self.version = epoch, 0
-            self.cells["version"] = 0
-            self._parts.clear()
-            self.wanted = None
-            self._lacking[:] = False
-        return epoch == self.manager_epoch
+    def _answers(self, delta: Delta) -> bool:
+        """Whether another life of the manager answers what this copy asked it, so that it is the one that lives."""
+        wanted = self.wanted if delta.repair and self._asked else None
+        asked = (wanted.manager_epoch, wanted.since_version) if wanted else None
+        return asked == (delta.manager_epoch, delta.first_version) and delta.manager_epoch == self._stranger
+
+    def _followed(self, manager_epoch: int) -> bool:
+        """Whether a message is of the life that this copy follows; the first that is heard, until another answers."""
+        if self.manager_epoch == 0:
+            self.manager_epoch = manager_epoch
+        if manager_epoch == self.manager_epoch:
+            if self._stranger:
+                self._stranger, self.wanted = 0, None
+            return True
+        self.counts["strangers"] += 1
+        if manager_epoch != self._stranger:
+            self._stranger, self._asked = manager_epoch, False
+            question = U4 - self.counts["strangers"]  # a version that is none: the answer names it and holds no cells
+            self.wanted = CellsRequest(manager_epoch, question, NO_TILES)
+        return False
+
+    def _follow(self, manager_epoch: int) -> None:
+        """Begin to follow a life of the manager: all versions here are uncertain."""
+        self.manager_epoch, self.version, self._unsure = manager_epoch, 0, True
+        self.cells["version"] = 0
+        self._stranger = self._past_digests = 0
+        self._parts.clear()
+        self.wanted = None
+        self._lacking[:] = False
 
     def _apply(self, delta: Delta) -> None:
         cells = delta.cells["cell"].astype(np.int64)
@@ -112,7 +142,7 @@ class GlrmCopy:
         return True
 
     def _reach(self, delta: Delta) -> None:
-        if delta.first_version <= self.version < delta.last_version:
+        if delta.first_version <= self.version < delta.last_version and not self._unsure:
             self._rise(delta.last_version)
 
     def _rise(self, version: int) -> None:
@@ -131,11 +161,21 @@ class GlrmCopy:
 
     def take_digest(self, digest: Digest) -> None:
         """Compare with the manager's tiles: equal, then this copy is at that version; else want what differs."""
-        if not self._in_epoch(digest.manager_epoch) or digest.version < self.version:
-            return
         if digest.tiles.shape != (self._tiles.count, 16):
             self.counts["rejected"] += 1
-            return
+        elif self._followed(digest.manager_epoch) and not self._is_past(digest.version):
+            self._compare(digest)
+
+    def _is_past(self, version: int) -> bool:
+        """Whether the copy is ahead of a digest: it is late, or the copy was misled, which many in a row prove."""
+        ahead = version < max(self.version, int(self.cells["version"].max()))
+        self._past_digests = self._past_digests + 1 if ahead else 0
+        if self._past_digests >= PAST_DIGESTS_MAX:
+            self.counts["misled"] += 1
+            self._follow(self.manager_epoch)
+        return version < self.version
+
+    def _compare(self, digest: Digest) -> None:
         differing = np.flatnonzero((self._hashes.current() != digest.tiles).any(axis=1))
         if not len(differing):
             self.counts["matches"] += 1

@@ -59,15 +59,15 @@ class Downlink:
     def _welcome_parts(self, nonce: bytes, epoch: int, row: Packed) -> Iterator[Message]:
         parts = self._cut(row)
         for number, part in enumerate(parts):
-            yield Welcome(nonce, epoch, number, len(parts), part)
+            yield Welcome(nonce, epoch, self._epoch, number, len(parts), part)
 
     def _repair_parts(self, request: CellsRequest) -> Iterator[Message]:
         version = self.version
         if len(request.tiles):
             cells = np.sort(np.concatenate([self._tiles.cells(int(tile)) for tile in np.unique(request.tiles)]))
             return self._delta_parts(version, version, cells, repair=True)
-        since = request.since_version if request.manager_epoch == self._epoch else 0
-        return self._delta_parts(since, version, np.flatnonzero(self._cells["version"] > since), repair=True)
+        cells = np.flatnonzero(self._cells["version"] > request.since_version)
+        return self._delta_parts(request.since_version, version, cells, repair=True)
 
     def _delta_parts(self, first: int, last: int, cells: I64, repair: bool) -> Iterator[Delta]:
         """Parts are read when they are sent: a value newer than `last` does no harm, an older one cannot be.

@@ -24,6 +24,8 @@ from orograph.rules import Rules
 from orograph.stages import Stage, untimed
 
 REASONS_NOTED_MAX = 1_000
+LATER_DRAWS = 2**16
+"""By so much at most a store's later manager epochs are apart."""
 
 
 @dataclass
@@ -44,12 +46,14 @@ class ManagerSync:
     """Step object; everything it needs after a crash is in `store`.
 
     `prior` is the whole GLRM prior (UPDATE), `robots` the ids that may write. Raises StoreDamaged when built on a bad
-    store, and StoreFailed from `step`: then the process must end and recover.
+    store, and StoreFailed from `step`: then the process must end and recover. `draw` is a random number of 31 bits:
+    manager epochs, and the robots' with them, are counted on from it, so that none is given twice, not even by a
+    manager whose store was lost or is an older copy.
     """
 
     def __init__(
         self, shape: tuple[int, int], prior: Packed, rules: Rules, store: Store, robots: Sequence[str],
-        stage: Stage = untimed, limits: Limits = LIMITS,
+        stage: Stage = untimed, limits: Limits = LIMITS, draw: int = 0,
     ) -> None:  # fmt: skip
         held, self._limits = store.load(), limits
         self._size, self._tiles = shape[0] * shape[1], Tiles(shape)
@@ -59,7 +63,7 @@ class ManagerSync:
         self._reasons_noted: set[tuple[str, str]] = set()
         self._ledger = Ledger(prior, self._size, rules, held)
         self._epochs = Epochs(held.granted)
-        self.manager_epoch = held.manager_epoch + 1
+        self.manager_epoch = held.manager_epoch + 1 + (draw % LATER_DRAWS if held.manager_epoch else draw)
         self.version = held.version
         self._downlink = Downlink(self.manager_epoch, self.version, self._tiles, self._ledger.glrm, limits)
         self._begun = False
@@ -137,7 +141,10 @@ class ManagerSync:
         if isinstance(message, Hello):
             self._take_hello(intake, robot, message.nonce)
         elif isinstance(message, CellsRequest):
-            self._downlink.repair(robot, message)
+            if message.manager_epoch in (0, self.manager_epoch):
+                self._downlink.repair(robot, message)
+            else:
+                self._reject(robot, "other-life")
         elif isinstance(message, Batch):
             self._take_batch(intake, robot, message)
 
@@ -146,14 +153,20 @@ class ManagerSync:
         number = self._numbers[robot]
         asked = [grant for grant in intake.granted if grant.robot == number]
         if self._epochs.of(number, nonce) is None and nonce not in [grant.nonce for grant in asked]:
-            intake.granted.append(Granted(number, nonce, self._epochs.current(number) + 1 + len(asked)))
+            epoch = max(self._epochs.current(number) + 1, self.manager_epoch) + len(asked)
+            intake.granted.append(Granted(number, nonce, epoch))
 
     def _take_batch(self, intake: _Intake, robot: str, batch: Batch) -> None:
-        """Any other epoch than the current is over: a lower one by a later hello, a higher one by an older store."""
+        """A lower epoch than the current is over, by a later hello; a higher one is of another store.
+
+        Nothing is answered to the latter: the robot will ask this life of the manager for its row.
+        """
         current = self._epochs.current(self._numbers[robot])
         if batch.epoch == current and not any(grant.robot == self._numbers[robot] for grant in intake.granted):
             intake.batches[robot].append(batch)
-        elif batch.epoch != current:
+        elif batch.epoch > current:
+            self._reject(robot, "unknown-epoch")
+        elif batch.epoch < current:
             intake.fenced[robot] = batch.epoch
             self.rejected["fenced-epoch"] += 1
 
@@ -220,6 +233,8 @@ class ManagerSync:
             number = self._numbers[robot]
             granted = self._epochs.of(number, nonce)
             assert granted is not None
+            if granted < self._epochs.current(number):
+                send(robot, Fenced(granted))
             self._downlink.welcome(robot, nonce, granted, self._ledger.row(number))
 
     def telemetry(self) -> Mapping[str, float]:

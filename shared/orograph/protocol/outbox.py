@@ -25,12 +25,12 @@ class _Flight:
 
 
 class Outbox:
-    """Own registers (cells,) of UPDATE, those last acknowledged, and the batches on their way."""
+    """Own registers (cells,) of UPDATE, those last acknowledged (REGISTER), and the batches on their way."""
 
     def __init__(self, size: int, limits: Limits) -> None:
         self._limits = limits
         self.own = np.zeros(size, UPDATE)
-        self._acked = np.zeros(size, UPDATE)
+        self._acked = np.zeros(size, REGISTER)
         self.own["cell"] = self._acked["cell"] = np.arange(size)
         self._dirty = np.zeros(size, np.bool_)
         self._dirty_since = np.zeros(size, np.int64)
@@ -104,13 +104,15 @@ class Outbox:
         scaled = moved["height"] + 4 * moved["occupation"] + 6 * moved["confidence"]
         return np.where(acked["confidence"] == 0, np.iinfo(np.int64).max // 2, scaled)
 
-    def acknowledge(self, cells: npt.NDArray[Any], seqs: npt.NDArray[Any]) -> Packed:
+    def acknowledge(self, cells: npt.NDArray[Any], seqs: npt.NDArray[Any], epoch: int) -> Packed:
         """Clear the cells whose seq still matches and return their records; the rest stays dirty."""
         inside = cells < len(self.own)
         cells, seqs = cells[inside].astype(np.int64), seqs[inside].astype(np.int64)
         cells_now = np.unique(cells[(self.own["seq"][cells] == seqs) & self._dirty[cells]])
         self._dirty[cells_now] = False
-        self._acked[cells_now] = self.own[cells_now]
+        for name in UPDATE.names or ():
+            self._acked[name][cells_now] = self.own[name][cells_now]
+        self._acked["epoch"][cells_now] = epoch
         self._land(cells << 32 | seqs)
         self._count()
         cleared: Packed = self.own[cells_now]
@@ -131,20 +133,30 @@ class Outbox:
         self._flights = [flight for flight in self._flights if now_ns - flight.sent_ns < ANSWER_WITHIN_NS]
         return len(old)
 
-    def rebase(self, row: Packed, first_life: bool) -> None:
-        """Start an epoch from the row (REGISTER, cells ascending) that the manager holds of this robot.
+    def rebase(self, row: Packed, first_life: bool) -> int:
+        """Go on from the row (REGISTER, cells ascending) that the manager holds of this robot.
 
         What the manager holds and the robot does not is adopted; what the robot holds otherwise is dirty. In a
         process's first life both may hold a cell: the row stands until the mapper, which fuses the two, offers the
-        result, so that a restart never replaces much evidence by little (protocol.md, invariant 10).
+        result, so that a restart never replaces much evidence by little (protocol.md, invariant 10). Returns how many
+        registers had been acknowledged that the row lacks or has older.
         """
         held = np.zeros(len(self.own), REGISTER)
         held[row["cell"]] = row
         mine, theirs = self.own["confidence"] > 0, held["confidence"] > 0
         takes = theirs if first_life else theirs & ~mine
+        lost = _older(held, self._acked)
         for name in set(UPDATE.names or ()) - {"cell"}:
-            self._acked[name] = held[name]
             self.own[name][takes] = held[name][takes]
+        self._acked = held
         self._flights, self._in_flight[:], self._dirty[:] = [], False, False
         differs = mine & ~(theirs & same_values(self.own, held, "tick"))
         self._renumber(np.flatnonzero(differs & ~takes))
+        return int(np.count_nonzero(lost))
+
+
+def _older(rows: Packed, others: Packed) -> npt.NDArray[np.bool_]:
+    """Where registers (n,) of REGISTER lose against others: a smaller (epoch, seq); none has (0, 0)."""
+    same_epoch = rows["epoch"] == others["epoch"]
+    older: npt.NDArray[np.bool_] = (rows["epoch"] < others["epoch"]) | (same_epoch & (rows["seq"] < others["seq"]))
+    return older

@@ -55,8 +55,8 @@ class RobotSync:
 
     @property
     def flushed(self) -> bool:
-        """Welcomed, and nothing is dirty or unacknowledged."""
-        return self._joining.epoch is not None and self._outbox.waiting == 0
+        """Welcomed by the manager's present life, and nothing is dirty or unacknowledged."""
+        return self._joining.may_write and self._outbox.waiting == 0
 
     @property
     def epoch(self) -> int | None:
@@ -67,6 +67,11 @@ class RobotSync:
     def fenced(self) -> bool:
         """A later hello for this robot won; nothing is sent."""
         return self._joining.fenced
+
+    @property
+    def registers_lost(self) -> int:
+        """Registers that the manager had acknowledged and no longer held when it began another life."""
+        return self._counts["registers_lost"]
 
     def link_up(self, now_ns: int) -> bool:
         """Whether the manager was heard within the last 5 s."""
@@ -94,6 +99,7 @@ class RobotSync:
                 adopted = adopted if row is None else self._begin_epoch(row)
             else:
                 self._take_other(message, now_ns)
+        self._joining.follow(self.copy.manager_epoch)
         self._send_due(now_ns, send)
         first = bool(len(adopted)) and self._joining.welcomes == 1
         return SyncResult(np.concatenate(acknowledged), adopted, first)
@@ -105,15 +111,15 @@ class RobotSync:
         self._heard_ns = now_ns
 
     def _take_ack(self, ack: Ack, now_ns: int) -> Packed:
-        if not self._joining.hear_ack_of(ack.epoch, now_ns):
+        if not self._joining.hear_ack_of(ack.epoch, now_ns) or self._joining.asking:
             return np.zeros(0, UPDATE)
         self._batches.answered()
-        cleared = self._outbox.acknowledge(ack.acked["cell"], ack.acked["seq"])
+        cleared = self._outbox.acknowledge(ack.acked["cell"], ack.acked["seq"], ack.epoch)
         self._counts["records_acked"] += len(cleared)
         return cleared
 
     def _begin_epoch(self, row: Packed) -> Packed:
-        self._outbox.rebase(row, first_life=self._joining.welcomes == 1)
+        self._counts["registers_lost"] += self._outbox.rebase(row, first_life=self._joining.welcomes == 1)
         self._batches.answered()
         return row
 
@@ -137,8 +143,9 @@ class RobotSync:
         if unanswered := self._outbox.give_up_old(now_ns):
             self._counts["batches_unanswered"] += unanswered
             self._batches.unanswered()
-        if self._joining.epoch is not None and self._outbox.waiting and self._batches.due(now_ns):
-            self._send_batches(self._joining.epoch, now_ns, send)
+        epoch = self._joining.epoch
+        if epoch is not None and self._joining.may_write and self._outbox.waiting and self._batches.due(now_ns):
+            self._send_batches(epoch, now_ns, send)
         self._send_request(now_ns, send)
 
     def _send_batches(self, epoch: int, now_ns: int, send: Callable[[Message], None]) -> None:
@@ -177,6 +184,8 @@ class RobotSync:
             "batches_unanswered": self._counts["batches_unanswered"],
             "records_sent": self._counts["records_sent"],
             "records_acked": self._counts["records_acked"],
+            "registers_lost": self._counts["registers_lost"],
+            "foreign_acks": joining.foreign_acks,
             "copy_version": self.copy.version,
             "copy_gaps": self.copy.counts["gaps"],
             "copy_requests": self.copy.counts["requests"],
@@ -184,5 +193,7 @@ class RobotSync:
             "copy_digest_matches": self.copy.counts["matches"],
             "copy_mismatches": self.copy.counts["mismatches"],
             "copy_rejected": self.copy.counts["rejected"],
+            "copy_strangers": self.copy.counts["strangers"],
+            "copy_misled": self.copy.counts["misled"],
             "unexpected": self._counts["unexpected"],
         }

@@ -42,7 +42,7 @@ WIRE_REASONS = (
 """Why `comms`, `keys` and `routes` refuse what came off the wire."""
 INPUT_REASONS = (
     "shape", "cell_range", "duplicate_cell", "no_evidence", "height_range", "future_tick", "tile_range", "unexpected",
-    "unknown_robot", "flood", "fenced_epoch",
+    "unknown_robot", "flood", "fenced_epoch", "unknown_epoch", "other_life",
 )  # fmt: skip
 """Why the Map Manager refuses a robot's message."""
 POINT_REASONS = ("not_finite", "below_range", "beyond_range", "outside_grid", "outside_map")
@@ -58,7 +58,9 @@ LASER = {
     "hits_fraction": _gauge("laser_hits_ratio", "Share of the last scan's rays that came back."),
 }
 MANAGER = {
-    "manager_epoch": _gauge("map_epoch", "The Map Manager's life, counted durably."),
+    "manager_epoch": _gauge(
+        "map_epoch", "Number of the Map Manager's life: grows with each, a store's first is random."
+    ),
     "version": _gauge("map_version", "Version of the global map, one per commit."),
     "confident_cells": _gauge("map_confident_cells", "Cells of the global map that are confident."),
     "cells": _gauge("map_cells", "Cells of the global map."),
@@ -107,6 +109,12 @@ MAPPING = {
     "batches_unanswered": _counter("uplink_batches_unanswered", "Batches given up as lost, so sent again."),
     "records_sent": _counter("uplink_records_sent", "Records sent."),
     "records_acked": _counter("uplink_records_acknowledged", "Records acknowledged."),
+    "registers_lost": _counter(
+        "uplink_registers_lost", "Registers that the Map Manager had acknowledged and no longer held when it came back."
+    ),
+    "foreign_acks": _counter(
+        "uplink_foreign_acks", "Acknowledgements of an epoch that this instance does not write in."
+    ),
     "unexpected": _counter("uplink_unexpected_messages", "Messages of a kind that no robot expects."),
     "copy_version": _gauge("copy_version", "Version of this robot's copy of the global map."),
     "copy_gaps": _counter("copy_gaps", "Deltas that began after where the copy stood."),
@@ -115,6 +123,8 @@ MAPPING = {
     "copy_digest_matches": _counter("copy_digest_matches", "Digests that the copy agreed with in every tile."),
     "copy_mismatches": _counter("copy_digest_mismatches", "Digests that differed from the copy."),
     "copy_rejected": _counter("copy_rejected_messages", "Deltas and digests that fit no map of this shape."),
+    "copy_strangers": _counter("copy_strangers", "Deltas and digests of another Map Manager than the one followed."),
+    "copy_misled": _counter("copy_misled", "Times that all digests were older than the copy, which began anew."),
 }
 ROUTER_NODE = "router"
 """A router's name among the nodes; it has no step object and takes no part in a frame."""

@@ -85,6 +85,10 @@ class Round:
         nodes = self._rounds.nodes
         nodes[nodes.index(self.node)] = self.node = RobotMappingNode(SITE, ROBOT, 1, nonce)
 
+    def lose_disk(self) -> None:
+        nodes, lost = self._rounds.nodes, self.manager
+        nodes[nodes.index(lost)] = self.manager = MapManagerNode(SITE, (ROBOT,), MemoryStore(), draw=1_000)
+
     def _laser(self, frame):
         return [(keys.SIM, ME, scan_from(*self._at, frame.stamp_ns))] if self._scans and frame.index % 4 == 0 else []
 
@@ -199,6 +203,27 @@ def test_a_restarted_robot_takes_its_row_over():
     held = dict(zip(robot["registers"]["cell"].tolist(), robot["registers"]["confidence"].tolist(), strict=True))
     fallen = [(cell, old, held[cell]) for cell, old in before.items() if held[cell] < old]
     assert not fallen, f"invariant 10: (cell, before, after) {fallen}"
+
+
+@pytest.mark.parametrize("phase", ["mapping", "flush"])
+def test_a_manager_without_its_disk_gets_everything_again(phase):
+    round_ = Round()
+    round_.run(60)
+    if phase == "flush":
+        round_.flush()
+        assert of(MappingStatus, round_.sent)[-1].flushed
+    round_.lose_disk()
+    round_.run(60, scans=phase == "mapping")
+    assert round_.notes.count("store-lost") == 1 and round_.notes.count("hello") >= 2
+    round_.notes.clear()
+    round_.flush()
+    robot, manager = round_.node.artifacts(), round_.manager.artifacts()
+    assert len(robot["registers"]) > 10
+    for name in ("cell", "tick", "height", "gradient_x", "gradient_y", "occupation", "confidence"):
+        np.testing.assert_array_equal(robot["registers"][name], manager["registers"][name])
+    for name in ("cell", "height", "gradient_x", "gradient_y", "occupation", "confidence"):
+        np.testing.assert_array_equal(robot["copy"][name], manager["glrm"][name])
+    assert of(MappingStatus, round_.sent)[-1].flushed
 
 
 def test_planning_hears_the_global_map_at_once_and_the_local_one_after_each_scan():

@@ -28,7 +28,7 @@ class Joined:
         self.sync, self.sent = RobotSync("robot_001", SHAPE, prior, bytes(range(16)), seed=1), []
         self.step(0)
         nonce = next(m.nonce for m in self.sent if isinstance(m, Hello))
-        self.step(0, Welcome(nonce, 1, 0, 1, np.zeros(0, REGISTER)))
+        self.step(0, Welcome(nonce, 1, 1, 0, 1, np.zeros(0, REGISTER)))
 
     def step(self, at_s: float, *inbox) -> None:
         self.sync.step(round(at_s * S), inbox, self.sent.append)

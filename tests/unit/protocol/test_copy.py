@@ -121,27 +121,98 @@ def test_tiles_that_differ_are_wanted_and_repair_them(copy):
     assert copy.wanted is None and copy.hash() == manager.hash()
 
 
-def test_new_manager_epoch_is_confirmed_by_a_digest(copy):
-    copy.take_delta(beat(0, 5, cells([3], 5, 5)))
-    copy.take_digest(digest_of(copy, 6, epoch=2))
-    assert (copy.manager_epoch, copy.version) == (2, 6)
+def answered_by(copy, epoch):
+    """The copy asks a life of the manager that it heard of, and that life answers."""
+    copy.asked()
+    copy.take_delta(repair(copy.wanted.since_version, 6, cells([], 6, 0), epoch=epoch))
 
 
-def test_new_manager_epoch_asks_for_the_tiles_that_changed(copy):
+@pytest.mark.parametrize("epoch", [2, 9], ids=["lower", "higher"])
+def test_another_life_is_followed_once_it_answers_and_confirmed_by_a_digest(copy, epoch):
+    copy.take_delta(beat(0, 5, cells([3], 5, 5), epoch=5))
+    copy.take_digest(digest_of(copy, 6, epoch))
+    assert (copy.manager_epoch, copy.version, copy.wanted.manager_epoch) == (5, 5, epoch)
+    answered_by(copy, epoch)
+    assert (copy.manager_epoch, copy.version) == (epoch, 0) and copy.counts["strangers"] == 1
+    copy.take_digest(digest_of(copy, 6, epoch))
+    assert copy.version == 6 and copy.wanted is None
+
+
+def test_another_life_is_asked_for_the_tiles_that_differ(copy):
     manager = GlrmCopy(SHAPE, some_prior())
     for each in (copy, manager):
         each.take_delta(beat(0, 5, cells([3], 5, 5)))
     manager.take_delta(beat(5, 6, cells([24], 6, 8)))
+    copy.take_digest(digest_of(manager, 6, epoch=2))
+    answered_by(copy, 2)
     copy.take_digest(digest_of(manager, 6, epoch=2))
     assert copy.wanted.tiles.tolist() == [1]
     copy.take_delta(repair(6, 6, manager.cells[Tiles(SHAPE).cells(1)], epoch=2))
     assert copy.version == 6 and copy.hash() == manager.hash()
 
 
-def test_message_of_an_older_manager_epoch_is_ignored(copy):
-    copy.take_delta(beat(0, 1, cells([3], 1, 5), epoch=2))
-    copy.take_delta(beat(1, 2, cells([3], 2, 6), epoch=1))
-    assert copy.version == 1 and copy.cells["height"][3] == 5
+def test_an_empty_map_of_another_life_replaces_what_an_earlier_one_knew(copy):
+    empty = GlrmCopy(SHAPE, some_prior())
+    copy.take_delta(beat(0, 500, cells([3, 24], 500, 5), epoch=7))
+    copy.take_digest(digest_of(empty, 0, epoch=2))
+    answered_by(copy, 2)
+    copy.take_delta(beat(0, 1, cells([30], 1, 5), epoch=2))
+    assert copy.version == 0, "a beat from the beginning says nothing of what the copy holds otherwise"
+    empty.take_delta(beat(0, 1, cells([30], 1, 5)))
+    copy.take_digest(digest_of(empty, 1, epoch=2))
+    for tile in copy.wanted.tiles.tolist():
+        copy.take_delta(repair(1, 1, empty.cells[Tiles(SHAPE).cells(tile)], epoch=2))
+    assert copy.version == 1 and copy.hash() == empty.hash()
+
+
+LIES = [
+    Digest(2**32 - 1, 2**32 - 1, np.zeros((6, 16), np.uint8)),
+    beat(0, 2**32 - 1, cells([3], 2**32 - 1, 666), epoch=2**32 - 1),
+    repair(0, 2**32 - 1, cells([3], 2**32 - 1, 666), epoch=2**32 - 1),
+]
+
+
+@pytest.mark.parametrize("lie", LIES, ids=["digest", "beat", "repair"])
+def test_one_word_of_another_life_is_counted_and_changes_nothing(copy, lie):
+    copy.take_delta(beat(0, 1, cells([3], 1, 5)))
+    before = copy.hash()
+    (copy.take_digest if isinstance(lie, Digest) else copy.take_delta)(lie)
+    assert copy.counts["strangers"] == 1 and copy.hash() == before
+    copy.take_delta(beat(1, 2, cells([4], 2, 5)))
+    assert (copy.manager_epoch, copy.version) == (1, 2) and copy.wanted is None
+
+
+def test_answer_to_another_question_is_none(copy):
+    copy.take_delta(beat(0, 1, cells([3], 1, 5)))
+    copy.take_digest(digest_of(copy, 0, epoch=2))
+    copy.asked()
+    copy.take_delta(repair(0, 0, cells([], 0, 0), epoch=2))
+    assert copy.manager_epoch == 1
+
+
+TRAPS = [
+    beat(0, 2**32 - 1, cells([3], 2**32 - 1, 666)),
+    beat(7, 2**32 - 1, cells([3], 2**32 - 1, 666)),
+    repair(1, 1, cells([3], 2**32 - 1, 666)),
+    repair(0, 2**32 - 1, cells([3], 1, 666)),
+]
+
+
+@pytest.mark.parametrize("trap", TRAPS, ids=["version", "gap", "cell", "answer"])
+def test_a_lie_about_versions_holds_for_some_digests_only(copy, trap):
+    """Forged in the name of the life that is followed: what comes after must be believed again, soon."""
+    manager = GlrmCopy(SHAPE, some_prior())
+    for each in (copy, manager):
+        each.take_delta(beat(0, 1, cells([3], 1, 5)))
+    copy.take_delta(trap)
+    for _ in range(12):
+        copy.take_digest(digest_of(manager, 1))
+        if copy.wanted:
+            copy.asked()
+            tiles = copy.wanted.tiles.tolist()
+            for part, tile in enumerate(tiles):
+                copy.take_delta(repair(1, 1, manager.cells[Tiles(SHAPE).cells(tile)], part, len(tiles)))
+    assert copy.hash() == manager.hash() and copy.version == 1 and copy.counts["misled"] <= 1
 
 
 @pytest.mark.parametrize(

@@ -248,10 +248,44 @@ def test_request_since_a_version_brings_what_changed_after_it(manager):
     assert part.cells["cell"].tolist() == list(range(1400, 1600)) and part.first_version == 7
 
 
-def test_request_since_a_version_of_an_older_manager_brings_everything(manager):
+def test_request_to_another_life_is_counted_and_not_answered(manager):
     big_map(manager)
     manager.step((B, CellsRequest(9, 7, NO_TILES)))
-    assert sum(len(p.cells) for p in manager.take(Delta, B)) == SIZE
+    assert not manager.take(Delta, B) and manager.sync.rejected == {"other-life": 1}
+
+
+def test_question_for_a_version_that_is_none_is_answered_by_its_number_and_no_cell(manager):
+    big_map(manager)
+    manager.step((B, CellsRequest(1, 2**32 - 2, NO_TILES)))
+    (answer,) = manager.take(Delta, B)
+    assert (answer.manager_epoch, answer.first_version, len(answer.cells)) == (1, 2**32 - 2, 0) and answer.repair
+
+
+def test_batch_of_an_epoch_of_another_store_is_counted_and_not_answered(manager):
+    found = manager.sync.hash()
+    manager.step((A, Batch(5, records([3]))))
+    assert not manager.take(Ack) and not manager.take(Fenced)
+    assert manager.sync.hash() == found and manager.sync.rejected == {"unknown-epoch": 1}
+
+
+def test_hello_whose_epoch_is_over_is_told_so(manager):
+    manager.step((A, Hello(b"n" * 16)))
+    manager.sent.clear()
+    manager.step((A, Hello(b"a" * 16)))
+    assert [f.epoch for f in manager.take(Fenced, A)] == [1] and [w.epoch for w in manager.take(Welcome, A)] == [1]
+
+
+def test_no_number_of_a_life_or_an_epoch_is_given_twice_by_different_stores():
+    lives, epochs = [], []
+    for draw in (70_000, 1_900_000_000):
+        manager = Played()
+        for life in range(3):
+            manager.sync = ManagerSync(SHAPE, some_prior(), DEFAULT, manager.store, [A, B], draw=draw + life)
+            manager.step((A, Hello(bytes([life]) * 16)), (B, Hello(b"b" * 16)))
+            lives.append(manager.sync.manager_epoch)
+            epochs.append(manager.sync.epoch(A))
+    assert lives == sorted(set(lives)) and epochs == lives and lives[0] == 70_001
+    assert lives[2] - lives[0] < 2 * 2**16
 
 
 def test_request_for_tiles_brings_those_tiles(manager):

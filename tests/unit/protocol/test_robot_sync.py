@@ -4,7 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from orograph.messages import ACKED, REGISTER, UPDATE, Ack, Batch, CellsRequest, Digest, Fenced, Hello, Pose, Welcome
+from orograph.messages import (
+    ACKED,
+    CELL,
+    REGISTER,
+    UPDATE,
+    Ack,
+    Batch,
+    CellsRequest,
+    Delta,
+    Digest,
+    Fenced,
+    Hello,
+    Pose,
+    Welcome,
+)  # fmt: skip
 from orograph.protocol.robot import RobotSync
 
 SHAPE = (40, 40)
@@ -57,7 +71,7 @@ class Played:
     def join(self, epoch=1, held=None):
         self.step()
         nonce = self.take(Hello)[-1].nonce
-        return self.step(Welcome(nonce, epoch, 0, 1, row([]) if held is None else held))
+        return self.step(Welcome(nonce, epoch, 1, 0, 1, row([]) if held is None else held))
 
 
 @pytest.fixture
@@ -164,15 +178,15 @@ def test_first_welcome_gives_the_whole_row_and_lets_it_stand(robot):
 def test_welcome_comes_in_parts_in_any_order_and_twice(robot):
     robot.step()
     nonce = robot.take(Hello)[0].nonce
-    parts = [Welcome(nonce, 3, i, 3, row([i])) for i in (2, 0, 0, 2)]
+    parts = [Welcome(nonce, 3, 1, i, 3, row([i])) for i in (2, 0, 0, 2)]
     assert len(robot.step(*parts).adopted) == 0
-    assert robot.step(Welcome(nonce, 3, 1, 3, row([1]))).adopted["cell"].tolist() == [0, 1, 2]
+    assert robot.step(Welcome(nonce, 3, 1, 1, 3, row([1]))).adopted["cell"].tolist() == [0, 1, 2]
     assert len(robot.step(*parts).adopted) == 0
 
 
 def test_welcome_for_another_nonce_is_not_ours(robot):
     robot.step()
-    robot.step(Welcome(bytes(16), 3, 0, 1, row([])))
+    robot.step(Welcome(bytes(16), 3, 1, 0, 1, row([])))
     assert robot.sync.epoch is None
 
 
@@ -190,18 +204,127 @@ def test_ghost_fences_once_then_hello_again_and_resend(robot):
         robot.step()
     (hello, *_) = robot.take(Hello)
     assert hello.nonce != NONCE and not robot.take(Batch)
-    result = robot.step(Welcome(hello.nonce, 3, 0, 1, row([1], height=100)))
+    result = robot.step(Welcome(hello.nonce, 3, 1, 0, 1, row([1], height=100)))
     assert not result.first_life
     robot.step(seconds=1)
     assert set(robot.take(Batch)[0].records["cell"].tolist()) == {1, 5}, "the row of cell 1 differs in confidence"
 
 
-def test_ack_of_a_later_epoch_fences_for_good(robot):
+def test_ack_of_a_later_epoch_fences_who_is_fenced_for_good(robot):
     robot.join(epoch=1)
-    robot.step(Ack(2, np.zeros(0, ACKED)))
+    robot.step(Fenced(1), Ack(2, np.zeros(0, ACKED)))
     for _ in range(1000):
         robot.step()
     assert not robot.take(Hello) and robot.sync.fenced and robot.sync.telemetry()["fenced"] == 1
+
+
+def test_ack_of_a_later_epoch_alone_is_asked_about_and_forgotten(robot):
+    """It may be forged: the manager, asked with the old nonce, says that the epoch lasts."""
+    robot.join(epoch=1, held=row([1]))
+    robot.sync.offer(records([2]))
+    robot.step(Ack(2, np.zeros(0, ACKED)), seconds=1)
+    assert [hello.nonce for hello in robot.take(Hello)] == [NONCE] and not robot.take(Batch)
+    robot.step(Welcome(NONCE, 1, 1, 0, 1, row([1])))
+    robot.step(seconds=1)
+    assert robot.sync.epoch == 1 and robot.take(Batch)[-1].records["cell"].tolist() == [2]
+    assert robot.sync.telemetry()["foreign_acks"] == 1 and not robot.sync.fenced
+
+
+def test_ack_of_a_later_epoch_is_true_when_the_manager_says_so(robot):
+    robot.join(epoch=1)
+    robot.step(Ack(2, np.zeros(0, ACKED)), seconds=1)
+    robot.step(Fenced(1), Welcome(NONCE, 1, 1, 0, 1, row([])))
+    assert robot.sync.fenced
+
+
+@pytest.mark.parametrize("fenced", [False, True])
+def test_ack_of_an_epoch_beyond_all_is_counted_alone(robot, fenced):
+    robot.join(epoch=1)
+    robot.step(*([Fenced(1)] if fenced else []), Ack(2**32 - 1, np.zeros(0, ACKED)))
+    for _ in range(40):
+        robot.step()
+    assert bool(robot.take(Hello)) == fenced and robot.sync.telemetry()["foreign_acks"] == 1
+
+
+# --- a manager that begins another life ------------------------------------------------------------------------------
+
+
+def follow(robot, manager_epoch):
+    """The robot's copy hears another life of the manager, asks it and is answered."""
+    robot.step(Digest(manager_epoch, 0, np.zeros((4, 16), np.uint8)))
+    for _ in range(10):
+        robot.step()
+    question = robot.take(CellsRequest)[-1]
+    assert question.manager_epoch == manager_epoch
+    nothing = np.zeros(0, CELL)
+    robot.step(Delta(manager_epoch, question.since_version, 0, 0, 1, True, nothing))
+
+
+def joined_and_acknowledged(robot, cells):
+    robot.step(Digest(1, 0, np.zeros((4, 16), np.uint8)))
+    robot.join(epoch=1)
+    robot.sync.offer(records(cells))
+    robot.step(seconds=1)
+    (batch,) = robot.take(Batch)
+    robot.step(ack_of(batch))
+    assert robot.sync.flushed
+    robot.take(Hello)
+    return batch
+
+
+@pytest.mark.parametrize("manager_epoch", [2, 77_000])
+def test_a_manager_that_lost_its_store_is_offered_the_whole_row_again(robot, manager_epoch):
+    batch = joined_and_acknowledged(robot, [1, 2, 3])
+    follow(robot, manager_epoch)
+    assert not robot.sync.flushed
+    hello, *_ = robot.take(Hello)
+    assert hello.nonce == NONCE, "the same instance"
+    robot.sync.offer(records([4]))
+    robot.step(ack_of(batch), seconds=1)
+    assert not robot.take(Batch), "nothing is written, and no ack taken, until the row has come"
+    result = robot.step(Welcome(NONCE, 9, manager_epoch, 0, 1, row([])))
+    assert not result.first_life
+    robot.step(seconds=1)
+    batch = robot.take(Batch)[-1]
+    assert batch.epoch == 9 and batch.records["cell"].tolist() == [1, 2, 3, 4]
+    assert robot.sync.telemetry()["registers_lost"] == robot.sync.registers_lost == 3
+    robot.step(ack_of(batch))
+    assert robot.sync.flushed
+
+
+def test_a_manager_that_holds_an_older_copy_is_offered_what_it_lacks(robot):
+    joined_and_acknowledged(robot, [1, 2])
+    robot.sync.offer(records([2], height=300))
+    robot.step(seconds=1)
+    (batch,) = robot.take(Batch)
+    robot.step(ack_of(batch))
+    old = row([1, 2], height=100)
+    old["confidence"], old["seq"] = 50, [1, 2]
+    follow(robot, 2)
+    robot.step(Welcome(NONCE, 1, 2, 0, 1, old))
+    robot.step(seconds=1)
+    assert robot.take(Batch)[-1].records["cell"].tolist() == [2] and robot.sync.registers_lost == 1
+
+
+def test_a_manager_that_restarted_has_lost_nothing(robot):
+    joined_and_acknowledged(robot, [1, 2])
+    robot.sync.offer(records([2], height=300))
+    robot.step(seconds=1)
+    (batch,) = robot.take(Batch)
+    held = row([1, 2], height=[100, 300])
+    held["confidence"], held["seq"] = 50, [1, int(batch.records["seq"][0])]
+    follow(robot, 2)
+    robot.take(Batch)
+    robot.step(Welcome(NONCE, 1, 2, 0, 1, held))
+    robot.step(seconds=1)
+    assert robot.sync.flushed and not robot.take(Batch) and robot.sync.registers_lost == 0
+
+
+def test_a_late_welcome_of_an_earlier_life_does_not_answer(robot):
+    joined_and_acknowledged(robot, [1])
+    follow(robot, 2)
+    robot.step(Welcome(NONCE, 1, 1, 0, 1, row([1])))
+    assert not robot.sync.flushed and robot.sync.registers_lost == 0
 
 
 def test_fenced_epoch_of_somebody_else_is_ignored(robot):
