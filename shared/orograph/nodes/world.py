@@ -17,6 +17,7 @@ from orograph.scenario import Change, Scenario
 from orograph.scene.changes import epoch
 from orograph.scene.prior import given_layers
 from orograph.world import World
+from orograph.world.contacts import Contact, ContactBook, touched
 from orograph.world.navigation_sensors import Motion, NavigationSensors
 
 DRIVE_TIMEOUT_NS = 500_000_000
@@ -46,6 +47,7 @@ class WorldNode:
         self._yaw_rad = {robot: self._yaw(robot) for robot in robots}
         self._radio_up = self.radio_up()
         self._tipped: set[str] = set()
+        self._book, self._contacts = ContactBook(), 0
         self._epoch = (False,) * len(scenario.changes)
         self._frame = 0
         columns = 1 + len(ROBOT_COLUMNS) * len(robots) + len(VEHICLE_COLUMNS) * len(scenario.vehicles)
@@ -64,6 +66,7 @@ class WorldNode:
         for robot in self.robots:
             self._sense(frame, robot, send)
         self._watch(note)
+        self._watch_contacts(frame, note)
         self._record(frame)
 
     def radio_up(self) -> dict[str, bool]:
@@ -71,10 +74,11 @@ class WorldNode:
         return {robot: self._given(self._communications, robot, outside=1) > 0 for robot in self.robots}
 
     def telemetry(self) -> Mapping[str, float]:
-        """Robots with a body, vehicles, robots without radio, and the frame."""
+        """Robots with a body, vehicles, robots without radio, contacts so far, and the frame."""
         silent = sum(not up for up in self._radio_up.values())
         vehicles = len(self.scenario.vehicles)
-        return {"robots": len(self.present), "vehicles": vehicles, "robots_without_radio": silent, "frame": self._frame}
+        figures = {"robots": len(self.present), "vehicles": vehicles, "robots_without_radio": silent}
+        return {**figures, "contacts": self._contacts, "frame": self._frame}
 
     def artifacts(self) -> Mapping[str, npt.NDArray[Any]]:
         """Per frame, of a long run every second, fourth, ..., float64 in metres, radians, m/s:
@@ -137,6 +141,21 @@ class WorldNode:
                 self._tipped.add(robot)
                 note("robot-tipped", {"robot": robot, **self._place(robot)})
         self._radio_up = radio_up
+
+    def _watch_contacts(self, frame: Frame, note: Note) -> None:
+        """Note each collision once it is over, or when the run is."""
+        for robot, newtons in self.world.pushes().items():
+            others = self.world.outlines()
+            mine = others.pop(robot)
+            body, now_ns = touched(mine, others), frame.stamp_ns
+            began = Contact(robot, body, mine.x_m, mine.y_m, now_ns, now_ns, newtons, frame.duration_ns * 1e-9)
+            self._contacts += self._book.push(began)
+        for contact in self._book.rest() if self.ended else self._book.over(frame.stamp_ns):
+            note("contact", {
+                "robot": contact.robot, "body": contact.body, "since_s": contact.since_ns * 1e-9,
+                "newtons": round(contact.newtons), "seconds": round(contact.seconds, 3),
+                "x_m": round(contact.x_m, 2), "y_m": round(contact.y_m, 2),
+            })  # fmt: skip
 
     def _record(self, frame: Frame) -> None:
         row: list[float] = []

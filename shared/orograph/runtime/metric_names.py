@@ -50,6 +50,7 @@ POINT_REASONS = ("not_finite", "below_range", "beyond_range", "outside_grid", "o
 WORLD = {
     "robots": _gauge("world_robots", "Robots that have a body."),
     "vehicles": _gauge("world_vehicles", "Moving vehicles."),
+    "contacts": _counter("world_contacts", "Collisions of robots with buildings, vehicles and each other."),
     "robots_without_radio": _gauge("world_robots_without_radio", "Robots where the communications layer is 0."),
     "frame": _counter("world_frames", "Frames of simulation stepped."),
 }

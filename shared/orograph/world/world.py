@@ -9,13 +9,15 @@ import dartpy as dart
 import numpy as np
 
 from orograph.arrays import F64
-from orograph.geometry import quaternion
+from orograph.geometry import quaternion, roll_pitch_yaw
 from orograph.keys import robot_number
 from orograph.messages import POSE, Packed
 from orograph.scenario import Scenario
 from orograph.scene import build_scene
 from orograph.scene.bodies import standing_robot, standing_rotation
 from orograph.scene.changes import epoch
+from orograph.world.contact_kernels import feel
+from orograph.world.contacts import Outline
 from orograph.world.ground import ground_skeleton
 from orograph.world.motors import Motors, odometry
 from orograph.world.robot_body import RobotBody
@@ -31,6 +33,8 @@ DROP_M = 0.02
 STOP = 0.0, 0.0
 """The drive of a robot that has none."""
 CONTACTS_PER_BODY_MAX = 64
+PUSH_MPS = 0.15
+"""What changes a robot's speed by so much within one `advance` has pushed it; edges of the ground's mesh do less."""
 
 
 class World:
@@ -50,6 +54,7 @@ class World:
         self._motors = Motors(scenario.robot, len(self.robots))
         self._tyres = Tyres(scenario.robot, len(self.robots), STEP_S)
         self._poses, self._velocities, self._carried = np.zeros((3, len(self.robots), 6))
+        self._impulse_ns, self._push_n = np.zeros((len(self.robots), 3)), np.zeros(len(self.robots))
         self._bodies = {robot: RobotBody(robot, scenario.robot) for robot in self.robots}
         self._odometry = dict.fromkeys(self.robots, (0.0, 0.0))
         self._traffic = Traffic(self.scene, scenario.vehicles)
@@ -68,6 +73,7 @@ class World:
             self._motors.want(i, *(drives.get(robot, STOP) if self.present[robot] else STOP))
         self._send_vehicles_on(duration_ns / 1e9)
         angles_before = self._tyres.angles_rad.copy()
+        self._impulse_ns[:], self._push_n[:] = 0.0, 0.0
         for _ in range(duration_ns // STEP_NS):
             self._step()
         for robot, turns_rad in zip(self.robots, self._tyres.angles_rad - angles_before, strict=True):
@@ -120,6 +126,24 @@ class World:
         """(speed [m/s], yaw rate [rad/s]) that the wheels turned on average in the last `advance`, slip unseen."""
         return self._odometry[robot]
 
+    def pushes(self) -> dict[str, float]:
+        """Robots that something pushed along the ground in the last `advance`, and the greatest force [N]."""
+        limit_ns = PUSH_MPS * self.scenario.robot.mass_kg
+        hard = np.sqrt((self._impulse_ns**2).sum(axis=1)) >= limit_ns
+        return {r: float(self._push_n[i]) for i, r in enumerate(self.robots) if hard[i] and self.present[r]}
+
+    def outlines(self) -> dict[str, Outline]:
+        """Where robots that are there and vehicles (`vehicle_000`) stand."""
+        (length_m, width_m, _), out = self.scenario.robot.size_m, dict[str, Outline]()
+        for robot in self.robots:
+            if self.present[robot]:
+                x, y, _ = self.position_m(robot).tolist()
+                out[robot] = Outline(x, y, roll_pitch_yaw(self.rotation(robot))[2], length_m, width_m)
+        for i, ((x, y, yaw), lane) in enumerate(zip(self.vehicle_poses().tolist(), self._traffic.lanes, strict=True)):
+            length_m, width_m, _ = lane.vehicle.size_m
+            out[f"vehicle_{i:03d}"] = Outline(x, y, yaw, length_m, width_m)
+        return out
+
     def vehicle_poses(self) -> F64:
         """(vehicles, 3): x, y [m] and yaw [rad]."""
         rows = [(*v.position_m[:2], math.atan2(v.R[1, 0], v.R[0, 0])) for v in self._vehicles]
@@ -132,6 +156,7 @@ class World:
             self._poses[row] = skeleton.getPositions()
             self._velocities[row] = skeleton.getVelocities()
             self._carried[row] = skeleton.getConstraintForces()
+        feel(self._poses, self._carried, STEP_S, self._impulse_ns, self._push_n)
         torques_nm = self._motors.torques_nm(self._tyres.speeds_radps, STEP_S)
         wrenches = self._tyres.step(self._poses, self._velocities, self._carried, torques_nm)
         for row, skeleton in self._moving:

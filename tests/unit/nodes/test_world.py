@@ -153,3 +153,25 @@ def test_what_is_built_and_pulled_down_is_noted(scenario_of: Make) -> None:
     assert [(kind, fields["change"], fields["what"]) for kind, fields in bench.notes] == [
         ("scene-changed", 0, "parked"), ("scene-changed", 1, "built"), ("scene-changed", 0, "left"),
     ]  # fmt: skip
+
+
+def test_a_collision_is_noted_once_it_is_over_and_counted_at_once(scenario_of: Make) -> None:
+    wall = Building(footprint=((52, 40), (53, 40), (53, 60), (52, 60)), height_m=3)
+    bench = Bench(WorldNode(scenario_of(buildings=(wall,)), ("robot_001",), 1))
+    for k in range(40):
+        bench.step([("navigator/robot_001", Drive(0, 2.0 if k < 15 else -1.0, 0.0))])
+    [(kind, contact)] = bench.notes
+    assert (kind, contact["robot"], contact["body"]) == ("contact", "robot_001", "building")
+    assert contact["newtons"] > 300 and 0.1 <= contact["seconds"] < 1.5 and 0.5 < contact["since_s"] < 1.6
+    assert contact["x_m"] == pytest.approx(52 - 0.36, abs=0.3)
+    assert bench.node.telemetry()["contacts"] >= 1
+
+
+def test_a_collision_that_lasts_to_the_end_is_noted_then(scenario_of: Make) -> None:
+    wall = Building(footprint=((52, 40), (53, 40), (53, 60), (52, 60)), height_m=3)
+    bench = Bench(WorldNode(scenario_of(buildings=(wall,)), ("robot_001",), 1))
+    for _ in range(20):
+        bench.step([("navigator/robot_001", Drive(0, 2.0, 0.0))])
+    assert not bench.notes
+    bench.step([("orchestrator", RunEnd(complete=True, copies_equal=True))])
+    assert [kind for kind, _ in bench.notes] == ["contact"]
