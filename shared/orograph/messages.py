@@ -301,7 +301,7 @@ class ManagerStatus(Message, routes=(Route(RADIO, MANAGER, ORCHESTRATOR),)):
 class RunEnd(Message, routes=(Route(SIM, ORCHESTRATOR, WORLD),)):
     """Stop the clock after this frame."""
 
-    complete: bool = flag("False: time was up, or a robot never flushed")
+    complete: bool = flag("False: a waypoint was never visited, or a robot never flushed")
     copies_equal: bool = flag("every robot's copy has the manager's hash")
 
 

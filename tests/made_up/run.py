@@ -234,7 +234,8 @@ def made_up_summary(robots: int) -> Summary:
     better = Improvement(confident=pair, touched=pair)
     return Summary(
         scenario="city", seed=1, robots=robots, robots_gone=(), mode="lockstep", runner="in-process", commit="0123",
-        complete=True, deterministic=True, sim_time_s=460.0, wall_time_s=46.0, rtf=10.0, glrm_hash="ab",
+        complete=True, waypoints=4, waypoints_missed=(), contacts=(), deterministic=True,
+        sim_time_s=460.0, wall_time_s=46.0, rtf=10.0, glrm_hash="ab",
         copies_hash_equal=True, glrm_is_own_fold=True, coverage=0.97, observable_cells=9, mapping_time_s={95: 300.0},
         stages_ms={}, bytes_up_per_robot_s=1500.0, bytes_down_per_robot_s=3000.0, cells_acked=9, cells_lost=0,
         missing_parts=(), score=MapScores(glrm=both, hrm=both), improvement=Improvements(glrm=better, hrm=better),

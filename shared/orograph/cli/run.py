@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -53,7 +54,20 @@ def main(args: argparse.Namespace) -> int:
     copies = "all copies equal" if summary.copies_hash_equal else "COPIES DIFFER"
     print(f"map {summary.glrm_hash} · {copies} · {summary.sim_time_s:.0f} s of simulation "
           f"in {summary.wall_time_s:.1f} s\nreport: {out / REPORT}")  # fmt: skip
-    return 0
+    for line in lacking(summary):
+        print(line, file=sys.stderr)
+    return 0 if summary.complete else 1
+
+
+def lacking(summary: Summary) -> Iterator[str]:
+    """What a run did not do, and what it should not have done, a line each."""
+    for c in summary.contacts:
+        yield f"collision: {c.robot} and {c.body} after {c.since_s:.1f} s, {c.newtons:,.0f} N for {c.seconds:.1f} s"
+    if not summary.complete:
+        missed = summary.waypoints_missed or ()
+        what = [f"{len(missed)} of {summary.waypoints} waypoints not visited ({', '.join(map(str, missed))})"]
+        what = what if missed else ["a robot never brought its last cells home"]
+        yield f"incomplete: {what[0]}; coverage {summary.coverage:.1%} of what the patrol can see"
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from orograph.protocol.fold import fold_registers, whole_prior
 from orograph.protocol.tiles import map_hash
 from orograph.rules import Rules
 from orograph.storage.parts import RunParts
+from orograph.storage.results import Contact
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,8 @@ class Check:
 class Checks(NamedTuple):
     """Every promise of a run, in the order in which a reader asks."""
 
-    ended: Check
+    complete: Check
+    no_contacts: Check
     deterministic: Check
     copies_equal: Check
     is_own_fold: Check
@@ -96,15 +98,42 @@ def own_fold(parts: RunParts, ledger: Ledger, prior: Packed) -> Packed:
 def checks(parts: RunParts, ledger: Ledger, prior: Packed) -> Checks:
     """Every promise of a run that began with the prior UPDATEs (n,)."""
     return Checks(
-        _ended(parts), _deterministic(parts), _copies(parts, ledger), _fold(parts, ledger, prior),
-        _nothing_lost(parts, ledger),
+        _complete(parts), _no_contacts(parts), _deterministic(parts), _copies(parts, ledger),
+        _fold(parts, ledger, prior), _nothing_lost(parts, ledger),
     )  # fmt: skip
 
 
-def _ended(parts: RunParts) -> Check:
-    complete = parts.run.complete
-    found = "Patrol driven, every robot flushed." if complete else "Time was up, or a robot never flushed."
-    return Check("The mission ended by itself", complete, found)
+def waypoints_missed(parts: RunParts) -> tuple[int, ...] | None:
+    """Places in the patrol that nobody visited; None where the orchestrator left nothing."""
+    visited_ns = parts.of(keys.ORCHESTRATOR).get("visited_ns")
+    return None if visited_ns is None else tuple(np.flatnonzero(visited_ns < 0).tolist())
+
+
+def contacts(parts: RunParts) -> tuple[Contact, ...]:
+    """Collisions of robots, in the order of their ends."""
+    named = Contact.model_fields
+    return tuple(Contact(**{k: event[k] for k in named}) for event in parts.events if event.get("event") == "contact")
+
+
+def _complete(parts: RunParts) -> Check:
+    missed, patrol = waypoints_missed(parts), len(parts.scenario.patrol)
+    if parts.run.complete:
+        found = f"All {patrol} waypoints visited, every robot flushed."
+    elif missed:
+        found = f"Not visited: waypoint{'s' * (len(missed) > 1)} {', '.join(map(str, missed))} of 0 to {patrol - 1}."
+    else:
+        found = "A robot never flushed."
+    return Check("The mission is complete", parts.run.complete, found)
+
+
+def _no_contacts(parts: RunParts) -> Check:
+    met = contacts(parts)
+    worst = max(met, key=lambda contact: contact.newtons, default=None)
+    found = "No robot was pushed by anything."
+    if worst is not None:
+        found = (f"{len(met)} collision{'s' * (len(met) > 1)}; the hardest: {worst.robot} and {worst.body} "
+                 f"after {worst.since_s:.1f} s, {worst.newtons:,.0f} N for {worst.seconds:.1f} s.")  # fmt: skip
+    return Check("No robot hit anything", not met, found)
 
 
 def _deterministic(parts: RunParts) -> Check:

@@ -11,7 +11,7 @@ import numpy as np
 from orograph import keys
 from orograph.arrays import I64, Mask
 from orograph.grid import Grid
-from orograph.judge.checks import Checks, Ledger, checks, lost_cells, read_ledger
+from orograph.judge.checks import Checks, Ledger, checks, contacts, lost_cells, read_ledger, waypoints_missed
 from orograph.judge.improvement import BeforeAfter, improvement, prior_over
 from orograph.judge.map_truth import NEAR_GLRM, NEAR_HRM, PLACES_GLRM, PLACES_HRM, MapTruth, true_map
 from orograph.judge.reference import Reference
@@ -142,6 +142,9 @@ def _summary(
         runner=run.runner,
         commit=run.commit,
         complete=run.complete,
+        waypoints=len(parts.scenario.patrol),
+        waypoints_missed=waypoints_missed(parts),
+        contacts=contacts(parts),
         deterministic=run.deterministic,
         sim_time_s=run.sim_time_s,
         wall_time_s=run.wall_time_s,

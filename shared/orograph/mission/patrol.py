@@ -78,6 +78,10 @@ class Patrol:
         given_up = set.intersection(*(r.given_up for r in able)) if able else set()
         return sorted(w for w in given_up if self.visited_ns[w] < 0)
 
+    def all_visited(self) -> bool:
+        """Whether no waypoint was left out."""
+        return bool((self.visited_ns >= 0).all())
+
     def finished(self) -> bool:
         """Nothing is open and every robot that is not lost has come to rest."""
         return not self.open() and all(r.settled() for r in self.robots.values() if not r.lost)

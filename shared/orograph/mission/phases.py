@@ -19,7 +19,7 @@ class RunPhases:
     def __init__(self, robots: Sequence[str], duration_max_ns: int) -> None:
         self.name = MAPPING
         self.began_ns: dict[str, int] = {MAPPING: 0}
-        self.time_was_up = False
+        self.all_visited = False
         self.copies_equal = False
         self.gone: Collection[str] = ()
         """Robots that nobody waits for: they never came, or their services ended; the caller says who."""
@@ -30,8 +30,8 @@ class RunPhases:
 
     @property
     def complete(self) -> bool:
-        """The patrol ended within its time and every robot's last cells came home."""
-        return self.copies_equal and not self.time_was_up
+        """Every waypoint was visited within the time, and every robot's last cells came home."""
+        return self.copies_equal and self.all_visited
 
     def hear_manager(self, status: ManagerStatus) -> None:
         """Take the manager's version and hash; a change starts every count again."""
@@ -52,10 +52,13 @@ class RunPhases:
         awaited = [n for robot, n in self._agreements.items() if robot not in self.gone]
         return min([self._repeats, *awaited]) >= AGREEMENTS
 
-    def step(self, now_ns: int, patrol_finished: bool) -> bool:
-        """Go on to the next phase where its time has come; True if it did."""
+    def step(self, now_ns: int, patrol_finished: bool, all_visited: bool) -> bool:
+        """Go on to the next phase where its time has come; True if it did.
+
+        A patrol is finished once nothing is left that anybody could visit; waypoints may have been given up.
+        """
         if self.name == MAPPING and (patrol_finished or now_ns >= self._duration_max_ns):
-            self.time_was_up = not patrol_finished
+            self.all_visited = all_visited
             return self._enter(FLUSH, now_ns)
         if self.name == FLUSH and (self.agreed() or now_ns - self.began_ns[FLUSH] >= FLUSH_MAX_NS):
             self.copies_equal = self.agreed()

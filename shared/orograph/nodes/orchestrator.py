@@ -97,7 +97,7 @@ class OrchestratorNode:
             patrol.review(frame.index + 1, frame.stamp_ns, self._present, note)
             self._orders_at_start = self._orders_at_start or {n: list(r.order) for n, r in patrol.robots.items()}
         self._phases.gone = self._gone(patrol)
-        if self._phases.step(frame.stamp_ns, patrol.finished()):
+        if self._phases.step(frame.stamp_ns, patrol.finished(), patrol.all_visited()):
             note("phase", {"name": self._phases.name})
             if self._phases.name == FLUSH:
                 patrol.recall(frame.index + 1)

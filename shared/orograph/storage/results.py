@@ -65,7 +65,7 @@ class WorldResult(_Result):
     sim_time_s: float
     wall_time_s: float
     complete: bool
-    """The mission ended by itself and every robot flushed."""
+    """Every waypoint was visited and every robot flushed."""
     copies_equal: bool
     deterministic: bool
     """Nothing was lost that the scenario and the seed did not decide."""
@@ -234,6 +234,21 @@ class Study(_Result):
     rows: tuple[StudyRow, ...]
 
 
+class Contact(_Frozen):
+    """A robot hit something, or was hit."""
+
+    robot: str
+    body: str
+    """Another robot, `vehicle_000`, or `building`."""
+    since_s: float
+    newtons: float
+    """The greatest force along the ground."""
+    seconds: float
+    """For how long it was pushed."""
+    x_m: float
+    y_m: float
+
+
 class Summary(_Result):
     """A judged run: what people and tests read first."""
 
@@ -247,6 +262,12 @@ class Summary(_Result):
     runner: str
     commit: str
     complete: bool
+    """Every waypoint was visited, every robot flushed, and all copies are equal."""
+    waypoints: int
+    waypoints_missed: tuple[int, ...] | None
+    """Places in `patrol` that nobody visited; null where the orchestrator left nothing."""
+    contacts: tuple[Contact, ...]
+    """Collisions, in the order of their ends."""
     deterministic: bool
     sim_time_s: float
     wall_time_s: float

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 from orograph import keys
-from orograph.judge.checks import Checks, checks, lost_cells, own_fold, read_ledger
+from orograph.judge.checks import Checks, checks, contacts, lost_cells, own_fold, read_ledger
 from orograph.scene.prior import prior_records
 from orograph.storage.parts import RunParts
 
@@ -37,32 +37,32 @@ def raised(field: str) -> Change:
 
 
 def test_a_good_run_keeps_every_promise(city_run: RunParts) -> None:
-    assert judged(city_run) == [True] * 5
+    assert judged(city_run) == [True] * 6
 
 
 def test_one_bit_in_one_copy_is_found(city_run: RunParts) -> None:
     bad = with_array(city_run, ROBOT, "copy", raised("height"))
-    assert judged(bad) == [True, True, False, True, True]
+    assert judged(bad) == [True, True, True, False, True, True]
 
 
 def test_who_has_gone_is_judged_by_what_was_acknowledged_alone(city_run: RunParts) -> None:
     left = with_array(with_array(city_run, ROBOT, "copy", raised("height")), ROBOT, "registers", raised("height"))
-    assert judged(left) == [True, True, False, False, True]
+    assert judged(left) == [True, True, True, False, False, True]
     orchestrator = {**left.nodes[keys.ORCHESTRATOR], "gone": np.array([1], np.uint16)}
     left = replace(left, nodes={**left.nodes, keys.ORCHESTRATOR: orchestrator})
-    assert judged(left) == [True] * 5
+    assert judged(left) == [True] * 6
     assert judged(with_array(left, keys.MANAGER, "registers", lambda held: held[held["robot"] != 1]))[-1] is False
     nothing = replace(left, nodes={name: arrays for name, arrays in left.nodes.items() if name != ROBOT})
-    assert judged(nothing) == [True] * 5
+    assert judged(nothing) == [True] * 6
 
 
 def test_a_version_is_no_part_of_the_map(city_run: RunParts) -> None:
-    assert judged(with_array(city_run, ROBOT, "copy", raised("version"))) == [True] * 5
+    assert judged(with_array(city_run, ROBOT, "copy", raised("version"))) == [True] * 6
 
 
 def test_evidence_that_the_manager_folded_otherwise_is_found(city_run: RunParts) -> None:
     bad = with_array(city_run, ROBOT, "registers", raised("height"))
-    assert judged(bad) == [True, True, True, False, True]
+    assert judged(bad) == [True, True, True, True, False, True]
 
 
 def test_the_fold_is_made_without_the_managers_registers(city_run: RunParts) -> None:
@@ -90,14 +90,37 @@ def test_a_newer_register_at_the_manager_is_not_lost(city_run: RunParts) -> None
 
 
 def test_what_is_missing_is_neither_kept_nor_broken(without: Callable[..., RunParts]) -> None:
-    assert judged(without(keys.MANAGER))[2:] == [None, None, None]
-    assert judged(without(ROBOT))[2:] == [None, None, None]
+    assert judged(without(keys.MANAGER))[3:] == [None, None, None]
+    assert judged(without(ROBOT))[3:] == [None, None, None]
 
 
-def test_an_unfinished_run_says_so(city_run: RunParts) -> None:
+def test_an_unfinished_run_says_what_is_missing(city_run: RunParts) -> None:
     bad = replace(city_run, run=city_run.run.model_copy(update={"complete": False, "deterministic": False}))
     found = promises(bad)
-    assert [c.ok for c in found[:2]] == [False, False]
-    assert "Time was up" in found[0].found and "A worker died" in found[1].found
+    assert [found.complete.ok, found.deterministic.ok] == [False, False]
+    assert "A worker died" in found.deterministic.found
     paced = replace(bad, run=bad.run.model_copy(update={"mode": "paced"}))
-    assert "Paced time" in promises(paced)[1].found
+    assert "Paced time" in promises(paced).deterministic.found
+
+    def visit_all_but(*missed: int) -> RunParts:
+        def change(visited_ns: np.ndarray) -> np.ndarray:
+            visited_ns[:] = 1
+            visited_ns[list(missed)] = -1
+            return visited_ns
+
+        return with_array(bad, keys.ORCHESTRATOR, "visited_ns", change)
+
+    assert "Not visited: waypoint 1 of 0 to " in promises(visit_all_but(1)).complete.found
+    assert "Not visited: waypoints 0, 1 of 0 to " in promises(visit_all_but(0, 1)).complete.found
+    assert promises(visit_all_but()).complete.found == "A robot never flushed."
+
+
+def test_a_collision_breaks_a_promise_and_the_hardest_is_told(city_run: RunParts) -> None:
+    bump = {"stamp_ns": 10**9, "service": "world", "robot": "robot_001", "event": "contact", "body": "building",
+            "since_s": 0.5, "newtons": 400, "seconds": 0.1, "x_m": 1.0, "y_m": 2.0}  # fmt: skip
+    crash = {**bump, "body": "vehicle_000", "newtons": 14_000, "since_s": 7.25}
+    bad = replace(city_run, events=(*city_run.events, bump, crash))
+    assert [c.body for c in contacts(bad)] == ["building", "vehicle_000"] and not contacts(city_run)
+    check = promises(bad).no_contacts
+    assert not check.ok and promises(city_run).no_contacts.ok
+    assert check.found == "2 collisions; the hardest: robot_001 and vehicle_000 after 7.2 s, 14,000 N for 0.1 s."
