@@ -19,7 +19,7 @@ class Legs:
     """The patrol's waypoints (by index) and the roads between them; places and orders are the caller's."""
 
     def __init__(self, waypoints_m: Sequence[PointM], roads: DrivingDistances) -> None:
-        self._waypoints_m, self._roads = list(waypoints_m), roads
+        self._waypoints_m, self._roads, self.count = list(waypoints_m), roads, len(waypoints_m)
         self._between_m = roads.between(self._waypoints_m, self._waypoints_m)
 
     def _from_m(self, at_m: PointM) -> F64:

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from orograph.keys import robot_number
 from orograph.messages import SECOND_NS, RobotStatus
-from orograph.mission.distances import DrivingDistances
 from orograph.mission.legs import Legs
 from orograph.node import Note
 from orograph.scenario import PointM
@@ -56,13 +55,12 @@ class Patrol:
     """Orders of all robots; stepped with statuses in and simulation time as an argument."""
 
     def __init__(
-        self, robots: Sequence[str], starts_m: Sequence[PointM], waypoints_m: Sequence[PointM], roads: DrivingDistances,
-        now_ns: int,
+        self, robots: Sequence[str], starts_m: Sequence[PointM], legs: Legs, now_ns: int,
     ) -> None:  # fmt: skip
         self.robots = {name: Robot(name, start, now_ns) for name, start in zip(robots, starts_m, strict=True)}
-        self.visited_ns = np.full(len(waypoints_m), -1, np.int64)
-        self.visited_by = np.zeros(len(waypoints_m), np.uint16)
-        self._legs = Legs(waypoints_m, roads)
+        self.visited_ns = np.full(legs.count, -1, np.int64)
+        self.visited_by = np.zeros(legs.count, np.uint16)
+        self._legs = legs
         self._balanced_ns = now_ns
 
     # --- what is known ---------------------------------------------------------------------------------------------

@@ -1,6 +1,8 @@
 """The patrol divided over robots so that the longest tour is shortest (min-max, open tours), by OR-Tools routing.
 
-Every search ends in a local optimum of its own: no clock and no thread takes part, so the answer never differs.
+Every search ends in a local optimum of its own: no clock and no thread takes part, so the answer never differs. What a
+search costs grows with the cube of its waypoints; what all together may cost is counted, and beyond
+SEARCHED_WAYPOINTS the patrol is dealt out without one.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import numpy as np
 from ortools.constraint_solver import pywrapcp, routing_enums_pb2
 
 from orograph.arrays import F64
+from orograph.mission.deal import deal
 from orograph.mission.distances import UNREACHABLE_M
 
 Tours = list[list[int]]
@@ -25,9 +28,26 @@ SPAN_WEIGHTS = (3, 10, 100)
 FIRST_TOURS = ("LOCAL_CHEAPEST_COST_INSERTION", "LOCAL_CHEAPEST_INSERTION", "PATH_CHEAPEST_ARC")
 THOROUGH_WAYPOINTS = 32
 """Up to here every weight is tried with every first tour; beyond, where a search takes long, with one first tour."""
+SEARCHED_WAYPOINTS = 100
+"""Up to here a search takes 2.5 s at most; 300 would take minutes."""
+SHARED_WAYPOINTS = 64
+"""Up to here two robots share theirs anew."""
+WORK_MAX = 6_000_000
+"""Cubed waypoints of all searches of one split that only improve it: 15 s on one core, for any number of robots."""
 FORCED_WAYPOINTS = 12
 """Up to here the longest tour is also made to part with each of its waypoints in turn."""
 FOREVER_S = 10**9
+
+
+class _Work:
+    """What searches have cost, in cubed waypoints."""
+
+    def __init__(self) -> None:
+        self.done = 0
+
+    def enough(self) -> bool:
+        """No more searches that only improve."""
+        return self.done >= WORK_MAX
 
 
 @dataclass(frozen=True)
@@ -37,6 +57,7 @@ class _Patrol:
     distance_m: F64
     robots: int
     takers: tuple[tuple[int, ...], ...]
+    work: _Work
 
     def length_m(self, robot: int, tour: Sequence[int]) -> float:
         """Length of an open tour from the robot's start."""
@@ -60,9 +81,9 @@ def split_patrol(robots: int, distance_m: F64, barred: Sequence[Collection[int]]
     waypoints = range(len(distance_m) - robots)
     willing = [[r for r in range(robots) if w not in barred[r]] or list(range(robots)) for w in waypoints]
     takers = [tuple(r for r in willing[w] if distance_m[r, robots + w] < UNREACHABLE_M) for w in waypoints]
-    patrol = _Patrol(distance_m, robots, tuple(takers))
+    patrol = _Patrol(distance_m, robots, tuple(takers), _Work())
     reachable = [w for w in waypoints if takers[w]]
-    tours = _even_out(patrol, _best_tours(patrol, list(range(robots)), reachable))
+    tours = _even_out(patrol, _first_tours(patrol, reachable))
     if len(reachable) <= FORCED_WAYPOINTS:
         tours = _part_with_one(patrol, tours, reachable)
     for w in waypoints:
@@ -74,8 +95,17 @@ def split_patrol(robots: int, distance_m: F64, barred: Sequence[Collection[int]]
 
 def longest_m(robots: int, distance_m: F64, tours: Tours) -> float:
     """Length of the longest tour [m]."""
-    patrol = _Patrol(distance_m, robots, ())
+    patrol = _Patrol(distance_m, robots, (), _Work())
     return max(patrol.length_m(robot, tour) for robot, tour in enumerate(tours))
+
+
+def _first_tours(patrol: _Patrol, waypoints: list[int]) -> Tours:
+    """All robots' tours over some waypoints: searched for, or dealt out where a search would take too long."""
+    if len(waypoints) <= SEARCHED_WAYPOINTS:
+        return _best_tours(patrol, list(range(patrol.robots)), waypoints)
+    places = [*range(patrol.robots), *(patrol.robots + w for w in waypoints)]
+    may_take = np.array([[robot in patrol.takers[w] for w in waypoints] for robot in range(patrol.robots)])
+    return [[waypoints[i] for i in tour] for tour in deal(patrol.distance_m[np.ix_(places, places)], may_take)]
 
 
 def _best_tours(patrol: _Patrol, robots: list[int], waypoints: list[int]) -> Tours:
@@ -84,6 +114,7 @@ def _best_tours(patrol: _Patrol, robots: list[int], waypoints: list[int]) -> Tou
         return [[] for _ in robots]
     firsts = FIRST_TOURS if len(waypoints) <= THOROUGH_WAYPOINTS else FIRST_TOURS[:1]
     weights = SPAN_WEIGHTS if len(robots) <= 2 or len(waypoints) <= THOROUGH_WAYPOINTS else SPAN_WEIGHTS[:2]
+    patrol.work.done += len(firsts) * len(weights) * len(waypoints) ** 3
     found = [_search(patrol, robots, waypoints, first, weight) for first in firsts for weight in weights]
     return min(found, key=lambda tours: _lengths_m(patrol, robots, tours))
 
@@ -93,13 +124,17 @@ def _lengths_m(patrol: _Patrol, robots: list[int], tours: Tours) -> list[float]:
 
 
 def _even_out(patrol: _Patrol, tours: Tours) -> Tours:
-    """Share the longest tour anew with one other robot at a time, until none of them can shorten it."""
+    """Share the longest tour anew with one other robot at a time, until none of them can shorten it or it is enough."""
     lengths_m = [patrol.length_m(r, tour) for r, tour in enumerate(tours)]
     while True:
         longest = max(range(patrol.robots), key=lambda r: (lengths_m[r], -r))
         for other in sorted(set(range(patrol.robots)) - {longest}, key=lambda r: (lengths_m[r], r)):
-            pair = [longest, other]
-            shared = _best_tours(patrol, pair, sorted(tours[longest] + tours[other]))
+            pair, both = [longest, other], sorted(tours[longest] + tours[other])
+            if patrol.work.enough():
+                return tours
+            if len(both) > SHARED_WAYPOINTS:
+                continue
+            shared = _best_tours(patrol, pair, both)
             if _lengths_m(patrol, pair, shared)[0] < lengths_m[longest] - UNIT_M:
                 for robot, tour in zip(pair, shared, strict=True):
                     tours[robot], lengths_m[robot] = tour, patrol.length_m(robot, tour)
@@ -116,7 +151,7 @@ def _part_with_one(patrol: _Patrol, tours: Tours, waypoints: list[int]) -> Tours
         longest = int(np.argmax(lengths_m))
         forced = [_best_tours(patrol.barring(longest, w), robots, waypoints) for w in tours[longest]]
         best = min([tours, *forced], key=lambda found: _lengths_m(patrol, robots, found)[0])
-        if _lengths_m(patrol, robots, best)[0] >= lengths_m[longest] - UNIT_M:
+        if patrol.work.enough() or _lengths_m(patrol, robots, best)[0] >= lengths_m[longest] - UNIT_M:
             return tours
         tours = _even_out(patrol, best)
 

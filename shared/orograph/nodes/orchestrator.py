@@ -22,6 +22,7 @@ from orograph.messages import (
     RunEnd,
 )
 from orograph.mission.distances import DrivingDistances
+from orograph.mission.legs import Legs
 from orograph.mission.patrol import HEARD_NS, LOST_AFTER_NS, Patrol
 from orograph.mission.phases import END, FLUSH, MAPPING, RunPhases
 from orograph.node import Every, Note, Send
@@ -39,8 +40,9 @@ class OrchestratorNode:
         self.name, scenario = keys.node(keys.ORCHESTRATOR), site.scenario
         self._robots = robots
         self._starts_m = [(s.x_m, s.y_m) for s in scenario.starts[: len(robots)]]
-        self._waypoints_m = list(scenario.patrol)
-        self._site, self._scenario = site, scenario
+        self._scenario, prior = scenario, site.prior_map
+        # Not in a step, whose time is limited: 2 000 waypoints take 10 s on a small map, minutes on a large one.
+        self._legs = Legs(scenario.patrol, DrivingDistances(prior.occupation, prior.grid))
         self._phases = RunPhases(robots, int(scenario.duration_max_s * SECOND_NS))
         self._patrol: Patrol | None = None
         self._board = StatusBoard(robots, scenario.name, scenario.grid.grid.size)
@@ -73,9 +75,7 @@ class OrchestratorNode:
 
     def _begin(self, frame: Frame) -> Patrol:
         """Frame 0 is a new run; any later first frame is a restart, which listens before it speaks."""
-        prior = self._site.prior_map
-        roads = DrivingDistances(prior.occupation, prior.grid)
-        self._patrol = Patrol(self._robots, self._starts_m, self._waypoints_m, roads, frame.stamp_ns)
+        self._patrol = Patrol(self._robots, self._starts_m, self._legs, frame.stamp_ns)
         for robot in set(self._robots) - set(self._present):
             self._patrol.robots[robot].lost = True  # not there yet: nothing is ordered before it speaks
         self._speaks_from_ns = 0 if frame.index == 0 else frame.stamp_ns + LISTEN_NS

@@ -23,6 +23,7 @@ from orograph.messages import (
     RunEnd,
 )  # fmt: skip
 from orograph.mission.distances import DrivingDistances
+from orograph.mission.legs import Legs
 from orograph.mission.patrol import Patrol
 from orograph.nodes.orchestrator import OrchestratorNode
 from orograph.scenario import GridSpec, Scenario, Start
@@ -336,10 +337,9 @@ def test_the_end_of_the_patrol_reaches_every_robot_as_a_newer_mission() -> None:
 
 
 def patrol_of(scenario: Scenario) -> Patrol:
-    grid = scenario.grid.grid
-    starts_m = [(s.x_m, s.y_m) for s in scenario.starts]
+    grid, starts_m = scenario.grid.grid, [(s.x_m, s.y_m) for s in scenario.starts]
     robots = [keys.robot_id(i + 1) for i in range(len(starts_m))]
-    return Patrol(robots, starts_m, scenario.patrol, DrivingDistances(np.zeros(grid.shape), grid), 0)
+    return Patrol(robots, starts_m, Legs(scenario.patrol, DrivingDistances(np.zeros(grid.shape), grid)), 0)
 
 
 def says(second: int, *, mission: int, visited: tuple[int, ...] = (), given_up: tuple[int, ...] = ()) -> RobotStatus:

@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+from orograph.mission import split
 from orograph.mission.distances import UNREACHABLE_M
 from orograph.mission.split import longest_m, split_patrol
 
@@ -98,6 +99,39 @@ def test_a_waypoint_behind_a_wall_goes_to_the_robot_on_its_side() -> None:
     for a, b in [(0, 1), (0, 3), (1, 2), (2, 3)]:  # robot 0 with waypoint 0, robot 1 with waypoint 1
         distance_m[a, b] = distance_m[b, a] = UNREACHABLE_M
     assert split_patrol(2, distance_m) == [[0], [1]]
+
+
+@pytest.mark.parametrize(("robots", "waypoints"), [(1, 101), (7, 160), (60, 600)])
+def test_a_patrol_too_large_to_search_is_dealt_out_in_bounded_work(robots, waypoints, monkeypatch) -> None:
+    searched: list[int] = []
+    search = split._search
+    monkeypatch.setattr(split, "_search", lambda p, r, w, *how: searched.append(len(w)) or search(p, r, w, *how))
+    monkeypatch.setattr(split, "WORK_MAX", 200_000)
+    distance_m = plane(3, robots, waypoints)
+    tours = split_patrol(robots, distance_m)
+    assert sorted(w for tour in tours for w in tour) == list(range(waypoints))
+    assert sum(w**3 for w in searched) <= 200_000 + 9 * max(searched, default=0) ** 3, "one more at most"
+    # All tours together are seldom below 0.7124 sqrt(waypoints x area) (Beardwood, Halton, Hammersley).
+    even_m = 0.7124 * (waypoints * 500.0**2) ** 0.5 / robots
+    assert longest_m(robots, distance_m, tours) < 1.6 * even_m
+
+
+def test_work_is_bounded_below_that_size_too(monkeypatch) -> None:
+    searched: list[int] = []
+    search = split._search
+    monkeypatch.setattr(split, "_search", lambda p, r, w, *how: searched.append(len(w)) or search(p, r, w, *how))
+    monkeypatch.setattr(split, "WORK_MAX", 0)
+    split_patrol(12, plane(4, 12, 30))
+    assert searched == [30] * 9, "the first search, by every weight and first tour, and none to improve it"
+
+
+def test_large_patrols_keep_what_is_barred_and_what_a_wall_hides_from_a_robot(monkeypatch) -> None:
+    monkeypatch.setattr(split, "WORK_MAX", 0)
+    distance_m = plane(5, 3, 150)
+    distance_m[0, 3:80] = distance_m[3:80, 0] = UNREACHABLE_M
+    tours = split_patrol(3, distance_m, [set(), set(range(80, 120)), set()])
+    assert sorted(w for tour in tours for w in tour) == list(range(150))
+    assert min(tours[0]) >= 77 and not set(tours[1]) & set(range(80, 120))
 
 
 def test_another_process_splits_alike() -> None:
