@@ -251,8 +251,8 @@ class Storm:
             self.network.carry(frame, [replace(old, frame=frame)])
         if self._draws.random() < 0.05 and all(node._sync.copy.manager_epoch for _, node in self._living()):
             self.network.carry(frame, [self._forged(frame)])
-        manager = self._manager.node
-        if self._rng.random() < 0.1 and isinstance(manager, MapManagerNode) and not manager._sync.store_full:
+        manager, ails = self._manager.node, self._store.full or self._store.fail_next
+        if self._rng.random() < 0.1 and isinstance(manager, MapManagerNode) and not ails:
             self._send_rubbish(frame, manager)
 
     def _forged(self, frame: int) -> Envelope:
