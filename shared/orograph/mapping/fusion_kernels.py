@@ -13,8 +13,8 @@ from orograph.layers import CONFIDENCE, GRADIENT_X, GRADIENT_Y, HEIGHT, OCCUPATI
 HIGH = 128.0
 """Both at least this confident and still different: the environment has changed (8/16)."""
 CLEAR_DIFFERENCE = 2.0 / 16.0 * 255.0
-AGES_KEPT = 64
-"""Cells of one scan differ in age by whole frames: so many powers are remembered while it is fused."""
+AGES_KEPT = 61
+"""Powers remembered while a scan is fused: its cells differ in age by whole frames, which a prime spreads evenly."""
 
 
 @njit(cache=True)
@@ -93,7 +93,7 @@ def fuse_cells(values: Any, ticks: Any, cells: Any, incoming: Any, incoming_tick
             continue
         if came[CONFIDENCE] <= 0.0:
             continue
-        place = (abs(age) // 100) % AGES_KEPT
+        place = abs(age) % AGES_KEPT
         if ages[place] != abs(age):
             ages[place], decays[place] = abs(age), 2.0 ** (-abs(age) / rules.half_life_ms)
         decay = decays[place]

@@ -69,7 +69,7 @@ def _similar_slopes(a: Whole, b: Whole, tangent_n: Whole, tangent_d: Whole) -> W
 
 
 @njit(cache=True)
-def _newer_wins(confidence_new: Whole, confidence_old: Whole, printed: bool) -> Whole:
+def _newer_wins(confidence_old: Whole, confidence_new: Whole, printed: bool) -> Whole:
     differs = (confidence_new if printed else abs(confidence_new - confidence_old)) > HIGH_DIFFERENCE
     if not differs and confidence_new >= HIGH_CONFIDENCE and confidence_old >= HIGH_CONFIDENCE:
         return True
@@ -129,7 +129,7 @@ def fold_cells(prior: I64, registers: I64, ticks: I64, rules: Any, ageing: I64, 
                 ):
                     held[k] = _mean_of_known(held[k], confidence, new[k], weight, unknown)
                 confidence = min(CONFIDENCE_MAX, confidence + weight)
-            elif confidence == 0 or _newer_wins(weight, confidence, rules.printed):
+            elif confidence == 0 or _newer_wins(confidence, weight, rules.printed):
                 held[:] = new
                 confidence = weight
         held[CONFIDENCE] = (confidence + ONE // 2) // ONE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import math
 import os
@@ -13,10 +14,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from orograph.geometry import roll_pitch_yaw, rotation_from_quaternion
 from orograph.scenario import Building, Change, Scenario, Start, TerrainSpec, Vehicle, Wave
+from orograph.scene import build_scene
 from orograph.world import World
-from orograph.world.ground import ground_skeleton
+from orograph.world.ground import _binary_ply, ground_skeleton
 
 ROBOT = "robot_001"
 FRAME_NS = 100_000_000
@@ -178,6 +181,13 @@ def test_robots_come_and_go(scenario_of: Make) -> None:
 def test_robot_without_a_start_is_refused(scenario_of: Make) -> None:
     with pytest.raises(ValueError, match="robot_002 has no start"):
         World(scenario_of(), (ROBOT, "robot_002"))
+
+
+def test_the_grounds_file_is_the_mesh_as_trimesh_reads_it(scenario_of: Make) -> None:
+    mesh = build_scene(scenario_of(terrain=TerrainSpec(slope_x=0.2, mesh_cell_m=20.0))).mesh
+    read = trimesh.load(io.BytesIO(_binary_ply(mesh)), file_type="ply", process=False)
+    np.testing.assert_array_equal(read.vertices, mesh.vertices.astype(np.float32))
+    np.testing.assert_array_equal(read.faces, mesh.faces)
 
 
 def test_ground_is_one_immobile_body(scenario_of: Make) -> None:
