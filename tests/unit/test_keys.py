@@ -1,5 +1,7 @@
 """Keys: one builder, and a parser that takes nothing else."""
 
+import re
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -47,3 +49,20 @@ def test_a_robots_node_hears_its_own_key_and_its_groups() -> None:
 @given(st.lists(st.sampled_from(["robot_001", "robot_002"]), unique=True).map(tuple))
 def test_liveliness_keys_come_back(robots: tuple[str, ...]) -> None:
     assert keys.parse_alive_key(keys.alive_key("laser", "abc", robots)) == ("laser", "abc", robots)
+
+
+@given(st.sampled_from(keys.PLANES), st.sampled_from([*NODES, "laser/*"]), st.sampled_from(NODES))
+def test_a_streams_name_comes_back_and_matches_its_pattern(plane: str, to: str, sender: str) -> None:
+    name = keys.stream_name(plane, to, sender)
+    assert re.fullmatch(keys.STREAM, name) and keys.parse_stream_name(name) == (plane, to, sender)
+
+
+@given(st.sampled_from(NODES))
+def test_a_key_of_figures_comes_back(node: str) -> None:
+    assert keys.parse_telemetry_key(keys.telemetry_key(node)) == node
+
+
+@pytest.mark.parametrize("key", ["og/telemetry/moon/-", "og/telemetry/laser/robot_1", "og/telemetry/laser", "og/tick"])
+def test_other_keys_are_no_figures(key: str) -> None:
+    with pytest.raises(ValueError, match="figures"):
+        keys.parse_telemetry_key(key)
