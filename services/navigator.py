@@ -8,13 +8,14 @@ from orograph.runtime.briefing import Briefing
 from orograph.runtime.participant import take_part
 from orograph.runtime.settings import Settings
 from orograph.runtime.watchdog import Watchdog, leave, options
+from orograph.scene.site import Site
 from orograph.stages import StageRecorder
 
 
 def build(briefing: Briefing, robots: tuple[str, ...]) -> tuple[list[NavigatorNode], dict[str, StageRecorder]]:
     """One navigator per robot held."""
-    scenario = briefing.scenario
-    return [NavigatorNode(scenario, robot, scenario.seed) for robot in robots], {}
+    site = Site(briefing.scenario)
+    return [NavigatorNode(site, robot, site.scenario.seed) for robot in robots], {}
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from orograph.messages import Drive, Envelope, Frame, Mission, OccupancyGrid, Se
 from orograph.nodes.navigator import NavigatorNode
 from orograph.randomness import stream
 from orograph.scenario import Scenario
+from orograph.scene.site import Site
 
 Box = tuple[float, float, float, float]
 FRAME_NS = 100_000_000
@@ -64,7 +65,7 @@ class UnicycleWorld:
         self.v = self.w = self.turn_rate = 0.0
         self.command = (0.0, 0.0)
         self.scale = 1 + 0.01 * stream(self.seed, "scale").standard_normal()
-        self.node = NavigatorNode(self.scenario, "robot_001", self.seed)
+        self.node = NavigatorNode(Site(self.scenario), "robot_001", self.seed)
         self._late: dict[int, list] = {}
         self._inbox: list[Envelope] = []
         self._remembered: list[tuple[float, Box]] = []

@@ -44,7 +44,7 @@ def build_rounds(
         MapManagerNode(site, robots, store, stages[keys.MANAGER]),
         OrchestratorNode(site, robots, scenario.seed),
         *(LaserNode(view, r, scenario.seed, robots) for r in robots),
-        *(NavigatorNode(scenario, r, scenario.seed) for r in robots),
+        *(NavigatorNode(site, r, scenario.seed) for r in robots),
         *(
             RobotMappingNode(site, r, scenario.seed, r.encode().ljust(16, b"\0"), stages[name])
             for r, name in zip(robots, mapping, strict=True)

@@ -16,9 +16,8 @@ from orograph.navigation.recovery import STALLED_S, STUCK_S, Recovery, StuckWatc
 from orograph.navigation.return_path import ReturnPath
 from orograph.navigation.tour import Tour
 from orograph.node import Note
-from orograph.registers import unpack
-from orograph.scenario import PointM, Scenario
-from orograph.scene.prior import prior_records
+from orograph.scenario import PointM
+from orograph.scene.site import Site
 
 START_SIGMA_M, START_YAW_SIGMA_RAD = 0.3, math.radians(5.0)
 DRIVE_SIGMA_M = 3.0
@@ -38,9 +37,9 @@ LEG_S, LEG_MPS = 60.0, 0.5
 class Navigator:
     """Sans-I/O: sensors, maps and missions in; pose, command and status out. Time is the caller's."""
 
-    def __init__(self, scenario: Scenario, robot: str) -> None:
-        self._scenario = scenario
-        self._prior = unpack(prior_records(scenario), scenario.grid.grid)
+    def __init__(self, site: Site, robot: str) -> None:
+        self._scenario = scenario = site.scenario
+        self._prior = site.prior_map
         self._ground = self._prior.height, self._prior.gradient_x, self._prior.gradient_y
         self._start = scenario.starts[robot_number(robot) - 1]
         self._wait_ns = round((WAIT_S + WAIT_STEP_S * (robot_number(robot) % 4)) * SECOND_NS)

@@ -13,7 +13,7 @@ from orograph.messages import SECOND_NS, STATES, Drive, Envelope, Frame, Mission
 from orograph.navigation.navigator import Navigator
 from orograph.node import Every, Note, Send
 from orograph.nodes.history import History
-from orograph.scenario import Scenario
+from orograph.scene.site import Site
 
 HISTORY_BYTES = 2**21
 """Of a trajectory: every frame of 72 minutes."""
@@ -22,11 +22,11 @@ HISTORY_BYTES = 2**21
 class NavigatorNode:
     """One robot's navigator."""
 
-    def __init__(self, scenario: Scenario, robot: str, seed: int) -> None:
+    def __init__(self, site: Site, robot: str, seed: int) -> None:
         self.name = keys.node(keys.NAVIGATOR, robot)
         self._mapping = keys.node(keys.MAPPING, robot)
-        self._navigator = Navigator(scenario, robot)
-        self._trajectory = History(6, scenario.frame_ns, HISTORY_BYTES)
+        self._navigator = Navigator(site, robot)
+        self._trajectory = History(6, site.scenario.frame_ns, HISTORY_BYTES)
         self._beat = Every(SECOND_NS)
         self._visited = 0
 

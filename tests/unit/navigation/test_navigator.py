@@ -10,6 +10,7 @@ from orograph.navigation.return_path import ReturnPath
 from orograph.nodes.navigator import NavigatorNode
 from orograph.registers import unpack
 from orograph.scene.prior import prior_records
+from orograph.scene.site import Site
 from unicycle.world import FRAME_NS, UnicycleWorld, scenario_of
 
 BLOCKS = [(20, 20, 45, 45), (60, 20, 80, 45), (20, 60, 45, 80), (60, 60, 80, 80)]
@@ -163,7 +164,7 @@ def mission(number, *waypoints, flush=False):
 
 
 def test_each_sensors_message_is_answered_by_a_pose_and_a_drive_of_its_own_frame():
-    node = NavigatorNode(scenario_of([(60, 12)]), "robot_001", 1)
+    node = NavigatorNode(Site(scenario_of([(60, 12)])), "robot_001", 1)
     sent, _ = step(node, 1, still(0))
     pose = next(m for plane, to, m in sent if isinstance(m, Pose))
     assert pose.stamp_ns == 0
@@ -177,7 +178,7 @@ def test_each_sensors_message_is_answered_by_a_pose_and_a_drive_of_its_own_frame
 
 
 def test_it_does_not_drive_before_the_maps_are_there():
-    node = NavigatorNode(scenario_of([(60, 12)]), "robot_001", 1)
+    node = NavigatorNode(Site(scenario_of([(60, 12)])), "robot_001", 1)
     for k in range(1, 6):
         sent, _ = step(node, k, still(k - 1), mission(1, 0))
         assert drives(sent)[0].v_mps == 0
@@ -185,7 +186,7 @@ def test_it_does_not_drive_before_the_maps_are_there():
 
 
 def test_after_a_restart_it_waits_for_gps_before_it_drives():
-    node = NavigatorNode(scenario_of([(60, 12)]), "robot_001", 1)
+    node = NavigatorNode(Site(scenario_of([(60, 12)])), "robot_001", 1)
     for k in range(500, 505):
         sent, _ = step(node, k, still(k - 1, quality=0, x=30.0), mission(1, 0), *maps(k))
         assert not any(isinstance(m, Pose) for _, _, m in sent)
@@ -196,7 +197,7 @@ def test_after_a_restart_it_waits_for_gps_before_it_drives():
 
 
 def test_a_status_is_sent_every_second_and_at_a_waypoint():
-    node = NavigatorNode(scenario_of([(12.5, 13)]), "robot_001", 1)
+    node = NavigatorNode(Site(scenario_of([(12.5, 13)])), "robot_001", 1)
     sent = {k: step(node, k, still(k - 1), *((mission(1, 0), *maps(k)) if k == 15 else ()))[0] for k in range(1, 40)}
     at = [k for k, messages in sent.items() if any(isinstance(m, RobotStatus) for _, _, m in messages)]
     assert at == [1, 10, 15, 20, 30]
@@ -205,7 +206,7 @@ def test_a_status_is_sent_every_second_and_at_a_waypoint():
 
 
 def test_only_a_newer_mission_counts_and_flush_stops_the_robot():
-    node = NavigatorNode(scenario_of([(60, 12), (12, 60)]), "robot_001", 1)
+    node = NavigatorNode(Site(scenario_of([(60, 12), (12, 60)])), "robot_001", 1)
     step(node, 1, still(0), mission(5, 0), *maps(0))
     step(node, 2, still(1), mission(4, 1), *maps(1))
     assert node.telemetry()["waypoints_left"] == 1
@@ -217,7 +218,7 @@ def test_only_a_newer_mission_counts_and_flush_stops_the_robot():
 
 
 def test_at_the_end_of_time_it_stops_by_itself():
-    node = NavigatorNode(scenario_of([(60, 12)], duration_max_s=2.0), "robot_001", 1)
+    node = NavigatorNode(Site(scenario_of([(60, 12)], duration_max_s=2.0)), "robot_001", 1)
     for k in range(1, 30):
         sent, _ = step(node, k, still(k - 1), mission(1, 0), *maps(k))
         assert (drives(sent)[0].v_mps > 0 or drives(sent)[0].yaw_rate_radps != 0) == (k < 20), k
@@ -250,12 +251,12 @@ def test_it_takes_the_ground_from_the_prior_map_and_not_from_the_world(prior, z_
         prior_map = unpack(prior_records(scenario), scenario.grid.grid)
         z_m = float(prior_map.height[2, 2])
         assert abs(z_m - 5.25) > 0.1
-    sent, _ = step(NavigatorNode(scenario, "robot_001", 1), 1, still(0))
+    sent, _ = step(NavigatorNode(Site(scenario), "robot_001", 1), 1, still(0))
     first = next(m for _, _, m in sent if isinstance(m, Pose))
     assert first.z_m == pytest.approx(z_m, abs=2e-3)
 
 
 def test_under_a_roof_of_the_prior_it_knows_no_ground():
     house = {"footprint": [[30, 30], [50, 30], [50, 50], [30, 50]], "height_m": 5.0}
-    navigator = Navigator(scenario_of([(60, 12)], terrain={"height_m": 4.0}, buildings=[house]), "robot_001")
+    navigator = Navigator(Site(scenario_of([(60, 12)], terrain={"height_m": 4.0}, buildings=[house])), "robot_001")
     assert [navigator.ground_m(x, 42.0) for x in (20.0, 42.0, 130.0)] == [4.0, None, None]

@@ -17,6 +17,7 @@ from orograph.messages import Frame, Message, Sensors
 from orograph.nodes.navigator import NavigatorNode
 from orograph.runtime.host import NodeHost
 from orograph.scenario import Scenario
+from orograph.scene.site import Site
 from orograph.storage.recording import Recording
 from orograph.storage.run_folder import bytes_file
 
@@ -45,7 +46,7 @@ def bus() -> Unplugged:
 def host(bus: Unplugged, city_scenario: Scenario, tmp_path: Path) -> Iterator[NodeHost]:
     """Of one navigator."""
     with Recording(tmp_path, "navigator") as recording:
-        yield NodeHost(bus, [NavigatorNode(city_scenario, "robot_001", 1)], city_scenario, recording)
+        yield NodeHost(bus, [NavigatorNode(Site(city_scenario), "robot_001", 1)], city_scenario, recording)
 
 
 def test_losses_are_told_in_the_frame_that_finds_them(bus: Unplugged, host: NodeHost) -> None:
