@@ -15,7 +15,7 @@ import pyoctomap
 from orograph.geometry import ray_directions, rotation
 from orograph.grid import Grid
 from orograph.mapping import RobotMapper
-from orograph.messages import RANGE_UNIT_M
+from orograph.messages import RANGE_UNIT_M, UPDATE
 from orograph.points import points_from_ranges
 from orograph.rules import DEFAULT
 from orograph.scenario import LaserSpec
@@ -86,16 +86,16 @@ def map_all(images: list[tuple[npt.NDArray[np.uint16], F64, F64]]) -> dict[str, 
     recorder, directions = StageRecorder(time.thread_time_ns), ray_directions(LASER)
     mapper = RobotMapper(GLRM, 320, 10, DEFAULT, LASER.range_max_m, stage=recorder)
     prior = np.tile(np.array([0, 0, 0, 0, 32], np.float32), (GLRM.size, 1))
-    told = np.zeros(GLRM.size, np.uint8)
+    told, held = np.zeros(GLRM.size, np.uint8), np.zeros(GLRM.size, UPDATE)
     whole_ms: list[float] = []
     planning_ms: list[float] = []
     for frame, (image, R, eye_m) in enumerate(images):
         with recorder("points"):
             points, distances_m = points_from_ranges(image, directions, R, eye_m)
         begin = time.thread_time()
-        records = mapper.step(points, distances_m, eye_m[:2], frame * FRAME_NS)
+        records = mapper.step(points, distances_m, eye_m[:2], frame * FRAME_NS, held)
         whole_ms.append((time.thread_time() - begin) * 1e3)
-        mapper.acknowledge(records)
+        held[records["cell"]] = records
         planning_ms.append(_duration_ms(lambda: mapper.planning_occupation(prior, told)))
     stages = {f"{name} ({STAGES[name]})": [d / 1e6 for d in ns] for name, ns in recorder.durations_ns.items()}
     return {**stages, "points to list, whole": whole_ms, "planning map": planning_ms}

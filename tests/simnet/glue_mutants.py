@@ -50,10 +50,12 @@ class AdoptsWithoutFusing(RobotMappingNode):
         super()._adopt(row, False)
 
 
-class TellsItsMapperOfNoAck(RobotMappingNode):
-    def __init__(self, *args, **kwargs):
-        super().__init__(*args, **kwargs)
-        self._mapper.acknowledge = lambda records: None
+class FlushesByTheThresholds(RobotMappingNode):
+    """What moved by less than the thresholds is not sent in the flush either."""
+
+    def _flush(self, note):
+        self._offer(self._mapper.registers())
+        self._flushed = self._sync.flushed
 
 
 class PairsAScanWithAnyPose(RobotMappingNode):
@@ -127,6 +129,6 @@ class ForgetsTheFlushOverARestart(OrchestratorNode):
 
 GLUE = (
     FlushesNothing, HearsNoFlush, MapsOnInTheFlush, AdoptsItsRowTwice, AdoptsNoRow, AdoptsWithoutFusing,
-    TellsItsMapperOfNoAck, PairsAScanWithAnyPose, AnswersEverybody, TakesAllForTheFirstRobot, GoesOnAfterAFailedSync,
+    FlushesByTheThresholds, PairsAScanWithAnyPose, AnswersEverybody, TakesAllForTheFirstRobot, GoesOnAfterAFailedSync,
     EndsWithoutAgreement, SaysThePhaseOnce, ForgetsTheFlushOverARestart,
 )  # fmt: skip

@@ -8,7 +8,7 @@ import numpy as np
 from orograph.messages import REGISTER, U4, UPDATE, Batch, Delta, Welcome
 from orograph.protocol.copy import GlrmCopy
 from orograph.protocol.manager import ManagerSync, _Intake
-from orograph.protocol.robot import RobotSync, SyncResult
+from orograph.protocol.robot import RobotSync
 from orograph.protocol.store import Changes, Granted
 
 TWINS = [seed for seed in range(7, 700, 7) if seed % 3 and seed % 5 != 4]
@@ -299,15 +299,14 @@ class SentIsAcked(RobotSync):
 
         result = super().step(now_ns, inbox, keep)
         gone = np.concatenate(sent)
-        cleared = self._outbox.acknowledge(gone["cell"], gone["seq"], self.epoch or 0)
-        return SyncResult(np.concatenate([result.acknowledged, cleared]), result.adopted, result.first_life)
+        self._outbox.acknowledge(gone["cell"], gone["seq"], self.epoch or 0)
+        return result
 
 
 class AckClearsWhateverSeq(RobotSync):
     def _take_ack(self, ack, now_ns):
-        if not self._joining.hear_ack_of(ack.epoch, now_ns):
-            return np.zeros(0, UPDATE)
-        return self._outbox.acknowledge(ack.acked["cell"], self._outbox.own["seq"][ack.acked["cell"]], ack.epoch)
+        if self._joining.hear_ack_of(ack.epoch, now_ns):
+            self._outbox.acknowledge(ack.acked["cell"], self._outbox.own["seq"][ack.acked["cell"]], ack.epoch)
 
 
 class EchoesTheMap(RobotSync):

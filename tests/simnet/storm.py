@@ -33,7 +33,7 @@ from orograph.nodes.map_manager import MapManagerNode
 from orograph.nodes.orchestrator import OrchestratorNode
 from orograph.nodes.robot_mapping import RobotMappingNode
 from orograph.protocol.copy import GlrmCopy
-from orograph.protocol.fold import fold_registers
+from orograph.protocol.fold import fold_registers, same_values
 from orograph.protocol.joining import EPOCH_STEP_MAX
 from orograph.protocol.manager import ManagerSync
 from orograph.protocol.robot import RobotSync
@@ -329,11 +329,17 @@ class Storm:
         if not isinstance(self._manager.node, MapManagerNode):
             return False
         writers, manager = self._writers(), self._manager.node._sync
-        flushed = all(node._sync.flushed and not len(node._mapper.unacknowledged()) for node in writers)
+        flushed = all(node._sync.flushed and self._is_told(node) for node in writers)
         copies = [node._sync.copy for _, node in self._living()]
         now = manager.manager_epoch, manager.version
         current = all((copy.manager_epoch, copy.version) == now for copy in copies)
         return flushed and current and len(writers) == len(self._plan.robots)
+
+    @staticmethod
+    def _is_told(node: RobotMappingNode) -> bool:
+        """Whether all its evidence was offered as it is now."""
+        registers = node._mapper.registers()
+        return bool(same_values(registers, node._sync.own[registers["cell"]], "tick").all())
 
     def _conclude(self, frame: int) -> History:
         history, node = self.history, self._manager.node or self._new_manager()

@@ -26,8 +26,8 @@ from orograph.mapping.fusion import fuse
 from orograph.mapping.occupancy import Codes, OccupancyView
 from orograph.mapping.reconstruction import DROP_REASONS, Reconstructor
 from orograph.mapping.rescaling import expand, rescale
-from orograph.mapping.updates import Held
-from orograph.messages import UPDATE, Packed
+from orograph.mapping.updates import moved
+from orograph.messages import Packed
 from orograph.points import points_from_ranges
 from orograph.registers import pack, values
 from orograph.rules import SLOPE_MAX, Rules
@@ -35,7 +35,7 @@ from orograph.stages import Stage, untimed
 
 
 class RobotMapper:
-    """Own evidence in a rolling HRM, its LLRM, and which of its cells the Map Manager should hear of."""
+    """Own evidence in a rolling HRM, its LLRM, and which of its cells others should hear of."""
 
     def __init__(
         self, glrm_grid: Grid, hrm_cells: int, per_glrm_cell: int, rules: Rules, range_max_m: float,
@@ -52,30 +52,33 @@ class RobotMapper:
         self._rules, self._slope_max, self._stage = rules, slope_max, stage
         self._given = map_of(unknown_values(glrm_grid.size), glrm_grid, given)
         self._fine_rules, self._coarse_rules = rules.real(slope_max), rules.real(None)
-        self._acknowledged = Held(glrm_grid.size)
         self._planning = OccupancyView(self._evidence, self._fine_rules)
         self._range_min_m, self._clock = range_min_m, ScanClock()
         self._below_range = self._outside_map = 0
 
     def step(
-        self, points: npt.ArrayLike, ranges_m: npt.ArrayLike, position_xy_m: npt.ArrayLike, stamp_ns: int
-    ) -> Packed:
+        self, points: npt.ArrayLike, ranges_m: npt.ArrayLike, position_xy_m: npt.ArrayLike, stamp_ns: int,
+        held: Packed | None = None,
+    ) -> Packed:  # fmt: skip
         """Map one scan: points (n, 3) [m, map frame] measured at ranges (n,) [m]; returns the UpdatedCellsList.
 
         The HRM follows `position_xy_m`; `stamp_ns` is of any clock that counts nanoseconds. The list (UPDATE, ascending
-        cells, seq 0) holds the touched cells that moved enough since they were last acknowledged, each with the robot's
-        whole evidence for it (mapping.md section 4). Raises ValueError for what is no scan.
+        cells, seq 0) has the touched cells that are away enough from what the receiver holds, each with the robot's
+        whole evidence for it (mapping.md section 4). `held` (cells of the GLRM,) are the receiver's registers, UPDATE
+        or REGISTER, with confidence 0 where it holds none; None is nothing at all. Raises ValueError for what is no
+        scan.
         """
         points = checked_points(points)
         ranges_m = checked_ranges(ranges_m, len(points))
         dropped = near(ranges_m, self._range_min_m)
         self._below_range += int(dropped.sum())
         x_m, y_m = checked_position(position_xy_m)
-        return self._map(points[~dropped], ranges_m[~dropped], (x_m, y_m), self._clock.tick(stamp_ns))
+        return self._map(points[~dropped], ranges_m[~dropped], (x_m, y_m), self._clock.tick(stamp_ns), held)
 
     def _map(
-        self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], position_xy_m: npt.ArrayLike, tick: int
-    ) -> Packed:
+        self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], position_xy_m: npt.ArrayLike, tick: int,
+        held: Packed | None,
+    ) -> Packed:  # fmt: skip
         evidence = self._evidence
         self.roll_to(position_xy_m)
         self._count_outside_map(points)
@@ -84,7 +87,8 @@ class RobotMapper:
         with self._stage("fuse_hrm"):
             evidence.fuse_fine(cells, aux, ticks, self._fine_rules)
         with self._stage("rescale"):
-            return self._acknowledged.moved(self._registers_of(evidence.rescale(cells)))
+            touched = self._registers_of(evidence.rescale(cells))
+            return touched if held is None else np.compress(moved(touched, held[touched["cell"]]), touched)
 
     def step_scan(
         self,
@@ -93,11 +97,12 @@ class RobotMapper:
         R_map_robot: F64,
         laser_position_m: npt.ArrayLike,
         stamp_ns: int,
+        held: Packed | None = None,
     ) -> Packed:
         """The same from a range image (u2, RANGE_UNIT_M) and the laser's pose in the map frame; the HRM follows it."""
         with self._stage("points"):
             points, ranges_m = points_from_ranges(ranges, directions, R_map_robot, laser_position_m)
-        return self._map(points, ranges_m, np.asarray(laser_position_m)[:2], stamp_ns // 1_000_000)
+        return self._map(points, ranges_m, np.asarray(laser_position_m)[:2], stamp_ns // 1_000_000, held)
 
     def _count_outside_map(self, points: npt.NDArray[Any]) -> None:
         """Points in the HRM and beyond the GLRM are mapped as long as they are in sight, and lost to everybody else."""
@@ -106,12 +111,8 @@ class RobotMapper:
             return
         self._outside_map += int((within(points, window) & ~within(points, whole)).sum())
 
-    def acknowledge(self, records: Packed) -> None:
-        """The Map Manager holds these registers (UPDATE)."""
-        self._acknowledged.hold(records)
-
     def adopt(self, row: Packed, fuse: bool) -> None:
-        """Take over the robot's own row as the Map Manager holds it (REGISTER), which becomes what is acknowledged.
+        """Take over the robot's own row as the Map Manager holds it (REGISTER).
 
         With `fuse` the row is of an earlier life and is fused with what was seen since; without, it only fills gaps.
         """
@@ -124,14 +125,6 @@ class RobotMapper:
         else:
             missing = self._evidence.coarse[cells, CONFIDENCE] <= 0
             self._evidence.put(cells[missing], told[missing], ticks[missing])
-        held = np.zeros(len(row), UPDATE)
-        for name in UPDATE.names or ():
-            held[name] = row[name]
-        self._acknowledged.hold(held)
-
-    def unacknowledged(self) -> Packed:
-        """Every register (UPDATE) that differs at all, tick included, from what was acknowledged: the flush."""
-        return self._acknowledged.differing(self.registers())
 
     def registers(self) -> Packed:
         """All own evidence as registers (UPDATE, ascending cells, seq 0)."""
@@ -159,11 +152,6 @@ class RobotMapper:
         this robot's own evidence: it is never fused with it.
         """
         return self._planning.codes(prior, told)
-
-    @property
-    def acknowledged(self) -> Packed:
-        """The registers (UPDATE, ascending cells) that the Map Manager holds."""
-        return self._acknowledged.registers()
 
     @property
     def hrm_grid(self) -> Grid:

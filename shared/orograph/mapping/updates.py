@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from orograph.arrays import Mask
-from orograph.layers import CONFIDENCE, MAPPED, MAPPED_LAYERS
-from orograph.messages import UPDATE, Packed
+from orograph.layers import CONFIDENCE, MAPPED
+from orograph.messages import Packed
 from orograph.register_kernels import moved_enough
 from orograph.registers import UNKNOWN, numbers
 
-VALUE_FIELDS = ("tick", *MAPPED_LAYERS)
 _MOVED = np.array([kind.moved for kind in MAPPED])
 
 
@@ -23,27 +22,3 @@ def moved(new: Packed, held: Packed) -> Mask:
     far: Mask = moved_enough(here, there, _MOVED, UNKNOWN)
     first: Mask = there[:, CONFIDENCE] == 0
     return far | first
-
-
-class Held:
-    """The last register per GLRM cell that someone else holds; confidence 0 where it holds none."""
-
-    def __init__(self, cells: int) -> None:
-        self._records = np.zeros(cells, UPDATE)
-
-    def hold(self, records: Packed) -> None:
-        """These registers (UPDATE) are held now."""
-        self._records[records["cell"]] = records
-
-    def registers(self) -> Packed:
-        """What is held, ascending cells."""
-        return np.compress(self._records["confidence"] > 0, self._records)
-
-    def moved(self, records: Packed) -> Packed:
-        """Those of first sight, or moved from what is held."""
-        return np.compress(moved(records, self._records[records["cell"]]), records)
-
-    def differing(self, records: Packed) -> Packed:
-        """Those that differ at all, tick included, from what is held."""
-        held = self._records[records["cell"]]
-        return np.compress(np.any([records[name] != held[name] for name in VALUE_FIELDS], axis=0), records)

@@ -15,9 +15,10 @@ from orograph.layers import UNKNOWN_OCCUPATION, CellMap
 from orograph.mapping import RobotMapper
 from orograph.mapping.cells import values_of
 from orograph.mapping.occupancy import Codes
-from orograph.mapping.updates import Held
+from orograph.mapping.updates import moved
 from orograph.messages import (  # fmt: skip
     SECOND_NS,
+    UPDATE,
     Envelope,
     Frame,
     Hello,
@@ -58,7 +59,6 @@ class RobotMappingNode:
         )  # fmt: skip
         self._prior = site.prior_map
         self._sync = RobotSync(robot, grid.shape, site.prior, nonce, seed, limits)
-        self._offered = Held(grid.size)
         self._arrivals = ScanPoseSync(POSE_WAIT_FRAMES * scenario.frame_ns)
         self._laser, self._directions = scenario.laser, ray_directions(scenario.laser)
         self._initial_hrm: CellMap | None = None
@@ -110,12 +110,15 @@ class RobotMappingNode:
             self._mapper.roll_to(eye_m)
             self._initial_hrm = self._mapper.hrm(self._prior)
         self._scans += 1
-        updated = self._mapper.step_scan(scan.ranges, self._directions, R_map_robot, eye_m, scan.stamp_ns)
-        self._offer(self._offered.moved(updated))
+        self._offer(
+            self._mapper.step_scan(
+                scan.ranges, self._directions, R_map_robot, eye_m, scan.stamp_ns, self._sync.acknowledged
+            )
+        )
 
-    def _offer(self, records: Packed) -> None:
-        self._offered.hold(records)
-        self._sync.offer(records)
+    def _offer(self, registers: Packed) -> None:
+        """Those of them that are away enough from what waits already."""
+        self._sync.offer(np.compress(moved(registers, self._sync.own[registers["cell"]]), registers))
 
     def _synchronise(self, from_manager: Sequence[Message], send: Send, note: Note) -> None:
         epoch, fenced, lost = self._sync.epoch, self._sync.fenced, self._sync.registers_lost
@@ -126,7 +129,6 @@ class RobotMappingNode:
             send(keys.RADIO, keys.MANAGER, message)
 
         result = self._sync.step(self._now_ns, from_manager, send_up)
-        self._mapper.acknowledge(result.acknowledged)
         if len(result.adopted):
             self._adopt(result.adopted, result.first_life)
         if self._sync.fenced and not fenced:
@@ -140,20 +142,19 @@ class RobotMappingNode:
     def _adopt(self, row: Packed, first_life: bool) -> None:
         """Take the own row over; what it became together with newer evidence is offered if that is worth it."""
         self._mapper.adopt(row, fuse=first_life)
-        self._offered.hold(self._sync.registers())
-        self._offer(self._offered.moved(self._mapper.unacknowledged()))
+        self._offer(self._mapper.registers())
 
     def _flush(self, note: Note) -> None:
-        waiting = self._mapper.unacknowledged()
-        self._offer(waiting)
-        self._flushed = self._sync.flushed and not len(waiting)
+        """Offer everything, as what differs at all is to be sent; flushed is when nothing of it is left to send."""
+        self._sync.offer(self._mapper.registers())
+        self._flushed = self._sync.flushed
         if self._flushed:
             note("flushed", {"registers": len(self._mapper.registers())})
 
     def _tell_global_map(self, send: Send) -> None:
         """The GLRM copy for planning, and as what lies under cells without evidence, if it changed."""
         copy = self._sync.copy
-        state = copy.manager_epoch, copy.version, copy.counts["repairs"]
+        state = copy.manager_epoch, copy.version, copy.repairs
         if state == self._told:
             return
         self._told, self._global_map_due_ns = state, self._now_ns + GLOBAL_MAP_NS
@@ -194,11 +195,18 @@ class RobotMappingNode:
         return {
             **self._hrm_artifacts(),
             "registers": self._mapper.registers(),
-            "acknowledged": self._mapper.acknowledged,
+            "acknowledged": self._acknowledged(),
             "copy": self._sync.copy.cells,
             "scans": np.array(self._scans, np.int64),
             "backlog": np.array(self._backlog, np.int64).reshape(-1, 2),
         }
+
+    def _acknowledged(self) -> Packed:
+        held = self._sync.acknowledged
+        updates = np.zeros(len(held), UPDATE)
+        for name in UPDATE.names or ():
+            updates[name] = held[name]
+        return updates[held["confidence"] > 0]
 
     def _hrm_artifacts(self) -> dict[str, npt.NDArray[Any]]:
         if self._initial_hrm is None:

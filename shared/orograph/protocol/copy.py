@@ -53,6 +53,8 @@ class GlrmCopy:
         """Version of the digest that found these cells' tiles to differ."""
         self._past_digests = 0
         self._parts: dict[tuple[int, int, int, bool], set[int]] = {}
+        self.repairs = 0
+        """Parts of repairs that came: they change cells without raising the version."""
         self.counts: Counter[str] = Counter()
 
     def hash(self) -> bytes:
@@ -78,7 +80,7 @@ class GlrmCopy:
         if outside or delta.part >= delta.parts:
             self.counts["rejected"] += 1
         elif delta.repair:
-            self.counts["repairs"] += 1
+            self.repairs += 1
             self._apply(delta)
             self._repaired(delta)
         elif delta.last_version > self.version:

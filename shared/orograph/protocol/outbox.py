@@ -30,8 +30,8 @@ class Outbox:
     def __init__(self, size: int, limits: Limits) -> None:
         self._limits = limits
         self.own = np.zeros(size, UPDATE)
-        self._acked = np.zeros(size, REGISTER)
-        self.own["cell"] = self._acked["cell"] = np.arange(size)
+        self.acked = np.zeros(size, REGISTER)
+        self.own["cell"] = self.acked["cell"] = np.arange(size)
         self._dirty = np.zeros(size, np.bool_)
         self._dirty_since = np.zeros(size, np.int64)
         self._dirty_since_ns = np.zeros(size, np.int64)
@@ -97,26 +97,29 @@ class Outbox:
 
     def _change(self, cells: I64) -> I64:
         """How much the registers moved since acknowledged, in 1/100 of the thresholds of mapping.md section 4."""
-        own, acked = self.own[cells], self._acked[cells]
+        own, acked = self.own[cells], self.acked[cells]
         moved = {
             name: np.abs(own[name].astype(np.int64) - acked[name]) for name in ("height", "occupation", "confidence")
         }
         scaled = moved["height"] + 4 * moved["occupation"] + 6 * moved["confidence"]
         return np.where(acked["confidence"] == 0, np.iinfo(np.int64).max // 2, scaled)
 
-    def acknowledge(self, cells: npt.NDArray[Any], seqs: npt.NDArray[Any], epoch: int) -> Packed:
-        """Clear the cells whose seq still matches and return their records; the rest stays dirty."""
+    def acknowledge(self, cells: npt.NDArray[Any], seqs: npt.NDArray[Any], epoch: int) -> int:
+        """Clear the cells whose seq still matches, and say how many; the rest stays dirty."""
         inside = cells < len(self.own)
         cells, seqs = cells[inside].astype(np.int64), seqs[inside].astype(np.int64)
         cells_now = np.unique(cells[(self.own["seq"][cells] == seqs) & self._dirty[cells]])
-        self._dirty[cells_now] = False
-        for name in UPDATE.names or ():
-            self._acked[name][cells_now] = self.own[name][cells_now]
-        self._acked["epoch"][cells_now] = epoch
+        self._clear(cells_now, epoch)
         self._land(cells << 32 | seqs)
+        return len(cells_now)
+
+    def _clear(self, cells: I64, epoch: int) -> None:
+        """These own registers are held as of this epoch."""
+        self._dirty[cells] = False
+        for name in UPDATE.names or ():
+            self.acked[name][cells] = self.own[name][cells]
+        self.acked["epoch"][cells] = epoch
         self._count()
-        cleared: Packed = self.own[cells_now]
-        return cleared
 
     def _land(self, keys: I64) -> None:
         for flight in self._flights:
@@ -145,10 +148,10 @@ class Outbox:
         held[row["cell"]] = row
         mine, theirs = self.own["confidence"] > 0, held["confidence"] > 0
         takes = theirs if first_life else theirs & ~mine
-        lost = _older(held, self._acked)
+        lost = _older(held, self.acked)
         for name in set(UPDATE.names or ()) - {"cell"}:
             self.own[name][takes] = held[name][takes]
-        self._acked = held
+        self.acked = held
         self._flights, self._in_flight[:], self._dirty[:] = [], False, False
         differs = mine & ~(theirs & same_values(self.own, held, "tick"))
         self._renumber(np.flatnonzero(differs & ~takes))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from orograph.messages import REGISTER, UPDATE, Ack, Batch, Delta, Digest, Fenced, Message, Packed, Welcome
+from orograph.messages import REGISTER, Ack, Batch, Delta, Digest, Fenced, Message, Packed, Welcome
 from orograph.protocol.backoff import Backoff
 from orograph.protocol.copy import GlrmCopy
 from orograph.protocol.fold import whole_prior
@@ -23,9 +23,8 @@ SILENCE_NS = 2_500_000_000
 
 @dataclass(frozen=True, eq=False)
 class SyncResult:
-    """What a step brought: records acknowledged (UPDATE), and, when a welcome completed, the robot's whole row."""
+    """What a step brought: when a welcome completed, the robot's whole row."""
 
-    acknowledged: Packed
     adopted: Packed
     """REGISTER: what the manager holds of this robot; empty except in the step that completes a welcome."""
     first_life: bool
@@ -77,10 +76,15 @@ class RobotSync:
         """Whether the manager was heard within the last 5 s."""
         return self._heard_ns is not None and now_ns - self._heard_ns <= LINK_UP_NS
 
-    def registers(self) -> Packed:
-        """Own evidence (UPDATE), one per cell that has any."""
-        own = self._outbox.own
-        return own[own["confidence"] > 0]
+    @property
+    def own(self) -> Packed:
+        """Own evidence as it was last offered or adopted (cells,) of UPDATE, confidence 0 for none; only read it."""
+        return self._outbox.own
+
+    @property
+    def acknowledged(self) -> Packed:
+        """The same as the manager is known to hold it, (cells,) of REGISTER."""
+        return self._outbox.acked
 
     def offer(self, records: Packed) -> None:
         """Own evidence that is worth sending (UPDATE, seq ignored); the same value twice is one change."""
@@ -89,11 +93,11 @@ class RobotSync:
     def step(self, now_ns: int, inbox: Sequence[Message], send: Callable[[Message], None]) -> SyncResult:
         """Take what the manager sent, send what is due."""
         self._outbox.now_ns = now_ns
-        acknowledged, adopted = [np.zeros(0, UPDATE)], np.zeros(0, REGISTER)
+        adopted = np.zeros(0, REGISTER)
         for message in inbox:
             self._hear(now_ns)
             if isinstance(message, Ack):
-                acknowledged.append(self._take_ack(message, now_ns))
+                self._take_ack(message, now_ns)
             elif isinstance(message, Welcome):
                 row = self._joining.take_welcome(message, now_ns)
                 adopted = adopted if row is None else self._begin_epoch(row)
@@ -102,7 +106,7 @@ class RobotSync:
         self._joining.follow(self.copy.manager_epoch)
         self._send_due(now_ns, send)
         first = bool(len(adopted)) and self._joining.welcomes == 1
-        return SyncResult(np.concatenate(acknowledged), adopted, first)
+        return SyncResult(adopted, first)
 
     def _hear(self, now_ns: int) -> None:
         if self._heard_ns is None or now_ns - self._heard_ns > SILENCE_NS:
@@ -110,13 +114,11 @@ class RobotSync:
                 pace.hurry(now_ns)
         self._heard_ns = now_ns
 
-    def _take_ack(self, ack: Ack, now_ns: int) -> Packed:
-        if not self._joining.hear_ack_of(ack.epoch, now_ns) or self._joining.asking:
-            return np.zeros(0, UPDATE)
-        self._batches.answered()
-        cleared = self._outbox.acknowledge(ack.acked["cell"], ack.acked["seq"], ack.epoch)
-        self._counts["records_acked"] += len(cleared)
-        return cleared
+    def _take_ack(self, ack: Ack, now_ns: int) -> None:
+        if self._joining.hear_ack_of(ack.epoch, now_ns) and not self._joining.asking:
+            self._batches.answered()
+            cleared = self._outbox.acknowledge(ack.acked["cell"], ack.acked["seq"], ack.epoch)
+            self._counts["records_acked"] += cleared
 
     def _begin_epoch(self, row: Packed) -> Packed:
         self._counts["registers_lost"] += self._outbox.rebase(row, first_life=self._joining.welcomes == 1)
@@ -189,7 +191,7 @@ class RobotSync:
             "copy_version": self.copy.version,
             "copy_gaps": self.copy.counts["gaps"],
             "copy_requests": self.copy.counts["requests"],
-            "copy_repairs": self.copy.counts["repairs"],
+            "copy_repairs": self.copy.repairs,
             "copy_digest_matches": self.copy.counts["matches"],
             "copy_mismatches": self.copy.counts["mismatches"],
             "copy_rejected": self.copy.counts["rejected"],

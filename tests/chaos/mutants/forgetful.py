@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import runpy
 
-from orograph.messages import Packed
 from orograph.protocol import robot
 from orograph.protocol.outbox import Outbox
 
@@ -17,31 +16,18 @@ class ForgetfulOutbox(Outbox):
 
     def forget(self) -> None:
         """Nothing is dirty any more."""
-        self._acked[self._dirty] = self.own[self._dirty]
-        self._dirty[:], self._in_flight[:], self._flights = False, False, []
-        self._count()
+        self._clear(robot.np.flatnonzero(self._dirty), 0)
+        self._in_flight[:], self._flights = False, []
 
 
 class ForgetfulRobot(robot.RobotSync):
-    """Clears its outbox on every reconnect, and tells its mapper that all was acknowledged."""
-
-    _forgotten: Packed | None = None
+    """Clears its outbox on every reconnect: what was forgotten counts as acknowledged."""
 
     def _hear(self, now_ns: int) -> None:
         if self._heard_ns is not None and now_ns - self._heard_ns > robot.SILENCE_NS:
             assert isinstance(self._outbox, ForgetfulOutbox)
-            self._forgotten = self._outbox.own[self._outbox._dirty].copy()
             self._outbox.forget()
         super()._hear(now_ns)
-
-    def step(self, now_ns, inbox, send):  # type: ignore[no-untyped-def]
-        """One step; what was forgotten counts as acknowledged."""
-        self._forgotten = None
-        result = super().step(now_ns, inbox, send)
-        if self._forgotten is None:
-            return result
-        acknowledged = robot.np.concatenate([result.acknowledged, self._forgotten])
-        return robot.SyncResult(acknowledged, result.adopted, result.first_life)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from orograph.layers import MAPPED_LAYERS, OCCUPATION_ONE, UNKNOWN_OCCUPATION, C
 from orograph.mapping import RobotMapper, fuse, reconstruct, rescale
 from orograph.mapping.cells import map_of, values_of
 from orograph.mapping.rescaling import expand
-from orograph.messages import REGISTER, Packed
+from orograph.messages import REGISTER, UPDATE, Packed
 from orograph.registers import pack
 from orograph.rules import DEFAULT, PAPER
 from orograph.scenario import LaserSpec
@@ -45,8 +45,17 @@ def patch(x_m: float, y_m: float, z_m: float = 1.0, slope: float = 0.0) -> np.nd
     return np.column_stack([x_m + x, y_m + y, z_m + slope * (x - x.mean())])
 
 
-def see(robot: RobotMapper, points: np.ndarray, at=(12.0, 12.0), stamp_ns: int = SECOND_NS) -> Packed:
-    return robot.step(points, np.full(len(points), NEAR_M), at, stamp_ns)
+def see(
+    robot: RobotMapper, points: np.ndarray, at=(12.0, 12.0), stamp_ns: int = SECOND_NS, held: Packed | None = None
+) -> Packed:
+    return robot.step(points, np.full(len(points), NEAR_M), at, stamp_ns, held)
+
+
+def held_of(records: Packed) -> Packed:
+    """What a receiver of these records alone holds."""
+    held = np.zeros(GLRM.size, UPDATE)
+    held[records["cell"]] = records
+    return held
 
 
 def rows(records: Packed, epoch: int = 1) -> Packed:
@@ -66,15 +75,16 @@ def test_a_scan_gives_a_register_of_its_cells_own_evidence():
     assert record["confidence"] == round(255 / 16)
 
 
-def test_the_list_names_what_moved_since_it_was_acknowledged():
+def test_the_list_names_what_moved_from_what_the_receiver_holds():
     robot = mapper(rules=PAPER)
     first = see(robot, patch(11.25, 12.5))
-    assert len(see(robot, patch(11.25, 12.5))) == 1, "not acknowledged: still worth sending"
-    robot.acknowledge(first)
-    assert len(see(robot, patch(11.25, 12.5))) == 0
-    assert len(see(robot, patch(12.5, 12.5))) == 0, "from 16 to 32, which is 16 and not more"
-    assert len(see(robot, patch(13.75, 12.5))) == 1
-    assert see(robot, patch(6.25, 6.25)).size == 1, "first sight elsewhere"
+    assert len(see(robot, patch(11.25, 12.5))) == 1, "nobody holds it: still worth sending"
+    held = held_of(first)
+    assert len(see(robot, patch(11.25, 12.5), held=held)) == 0
+    assert len(see(robot, patch(11.25, 12.5), held=rows(held))) == 0, "REGISTERs do as well"
+    assert len(see(robot, patch(12.5, 12.5), held=held)) == 0, "from 16 to 32, which is 16 and not more"
+    assert len(see(robot, patch(13.75, 12.5), held=held)) == 1
+    assert see(robot, patch(6.25, 6.25), held=held).size == 1, "first sight elsewhere"
 
 
 @pytest.mark.parametrize(("field", "step", "listed"), [
@@ -92,8 +102,7 @@ def test_each_threshold(field, step, listed):
     probe = mapper(rules=PAPER)
     for _ in range(3):
         see(probe, patch(11.25, 12.5, slope=0.15))
-    probe.acknowledge(held)
-    assert (len(see(probe, patch(11.25, 12.5, slope=0.15))) == 1) == listed
+    assert (len(see(probe, patch(11.25, 12.5, slope=0.15), held=held_of(held))) == 1) == listed
 
 
 def test_an_occupation_that_becomes_known_is_listed():
@@ -101,21 +110,7 @@ def test_an_occupation_that_becomes_known_is_listed():
     first = see(robot, patch(11.25, 12.5)[:2])
     assert first["occupation"].tolist() == [UNKNOWN_OCCUPATION]
     first["confidence"] = 15
-    robot.acknowledge(first)
-    assert see(robot, patch(11.25, 12.5)).size == 1
-
-
-def test_the_flush_names_everything_that_differs_at_all():
-    robot = mapper()
-    assert robot.unacknowledged().size == 0
-    robot.acknowledge(see(robot, patch(11.25, 12.5)))
-    assert robot.unacknowledged().size == 0 and robot.registers().size == 1
-    assert see(robot, patch(11.25, 12.5), stamp_ns=2 * SECOND_NS).size == 0
-    left = robot.unacknowledged()
-    assert left["tick"].tolist() == [2000]
-    robot.acknowledge(left)
-    assert robot.unacknowledged().size == 0
-    np.testing.assert_array_equal(robot.acknowledged, robot.registers())
+    assert see(robot, patch(11.25, 12.5), held=held_of(first)).size == 1
 
 
 def test_points_dropped_are_counted_by_reason():
@@ -223,8 +218,6 @@ def test_a_row_of_an_earlier_life_is_fused_with_what_was_seen_since():
     assert (row["confidence"][0], own["confidence"][0]) == (64, 16)
     assert after[16]["confidence"] == 76, "15 fine cells of 64, and one where 64 + 255 is 255"
     assert after[16]["tick"] == 2000
-    np.testing.assert_array_equal(robot.acknowledged, row)
-    assert robot.unacknowledged()["cell"].tolist() == [16]
 
 
 def test_a_row_of_this_life_fills_gaps_only():
@@ -236,7 +229,6 @@ def test_a_row_of_this_life_fills_gaps_only():
     registers = robot.registers()
     np.testing.assert_array_equal(registers[:1], own)
     np.testing.assert_array_equal(registers[1:], row[1:])
-    assert robot.unacknowledged()["cell"].tolist() == [16]
     assert robot.evidence.height[4:8, 8:12].tolist() == [[4.0] * 4] * 4
 
 
@@ -252,7 +244,6 @@ def test_a_row_adopted_before_the_first_scan_comes_back_unchanged(fused):
     for at in ((12.0, 12.0), (30.0, 25.0)):
         see(robot, np.zeros((0, 3)), at=at)
         np.testing.assert_array_equal(robot.registers(), row)
-    assert robot.unacknowledged().size == 0
 
 
 def prior_map(rng: np.random.Generator) -> CellMap:

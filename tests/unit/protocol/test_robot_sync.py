@@ -51,6 +51,11 @@ def ack_of(batch: Batch) -> Ack:
     return Ack(batch.epoch, acked)
 
 
+def acknowledged(robot) -> np.ndarray:
+    held = robot.sync.acknowledged
+    return held[held["confidence"] > 0]
+
+
 class Played:
     """A robot, a clock and what it sent."""
 
@@ -94,8 +99,9 @@ def test_offer_is_sent_until_acknowledged(robot):
     robot.step()
     (batch,) = robot.take(Batch)
     assert batch.records["cell"].tolist() == [1, 2]
-    result = robot.step(ack_of(batch))
-    assert result.acknowledged["cell"].tolist() == [1, 2] and robot.sync.flushed
+    robot.step(ack_of(batch))
+    assert acknowledged(robot)["cell"].tolist() == [1, 2] and robot.sync.flushed
+    assert (acknowledged(robot)["epoch"] == 1).all() and acknowledged(robot)["height"].tolist() == [100, 100]
 
 
 def test_lost_batch_goes_again_with_back_off(robot):
@@ -116,7 +122,8 @@ def test_the_same_value_offered_again_keeps_its_seq(robot):
     robot.step()
     (batch,) = robot.take(Batch)
     robot.sync.offer(records([1]))
-    assert len(robot.step(ack_of(batch)).acknowledged) == 1
+    robot.step(ack_of(batch))
+    assert len(acknowledged(robot)) == 1
 
 
 def test_ack_of_an_older_seq_leaves_the_cell_dirty(robot):
@@ -125,7 +132,8 @@ def test_ack_of_an_older_seq_leaves_the_cell_dirty(robot):
     robot.step()
     (batch,) = robot.take(Batch)
     robot.sync.offer(records([2], height=200))
-    assert robot.step(ack_of(batch)).acknowledged["cell"].tolist() == [1]
+    robot.step(ack_of(batch))
+    assert acknowledged(robot)["cell"].tolist() == [1]
     assert robot.sync.waiting_cells == 1
 
 
@@ -134,7 +142,8 @@ def test_ack_outside_the_map_is_ignored(robot):
     robot.sync.offer(records([1]))
     robot.step()
     acked = np.array([(2**32 - 1, 1)], ACKED)
-    assert len(robot.step(Ack(1, acked)).acknowledged) == 0
+    robot.step(Ack(1, acked))
+    assert len(acknowledged(robot)) == 0
 
 
 def test_at_most_four_batches_of_256_in_flight(robot):
@@ -169,7 +178,7 @@ def test_first_welcome_gives_the_whole_row_and_lets_it_stand(robot):
     robot.sync.offer(records([1, 2]))
     result = robot.join(epoch=4, held=row([2, 3]))
     assert result.first_life and result.adopted["cell"].tolist() == [2, 3]
-    own = {int(r["cell"]): int(r["height"]) for r in robot.sync.registers()}
+    own = {int(r["cell"]): int(r["height"]) for r in robot.sync.own if r["confidence"]}
     assert own == {1: 100, 2: 7, 3: 7}
     robot.step(seconds=1)
     assert robot.take(Batch)[0].records["cell"].tolist() == [1]
