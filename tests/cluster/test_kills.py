@@ -16,6 +16,8 @@ from orograph.storage.scenario_file import load_scenario
 
 pytestmark = pytest.mark.cluster
 TINY = load_scenario("scenarios/tiny")
+PACED = TINY.model_copy(update={"time_scale": 6.0})
+"""Lockstep runs through the rest of the mission and its flush while a killed service still starts."""
 
 
 class Nemesis:
@@ -38,11 +40,11 @@ class Nemesis:
     ("name", "frames"), [("map-manager", [150, 300]), ("robot-mapping-1", [200]), ("router-radio", [200])]
 )
 def test_a_killed_part_costs_nothing_that_was_acknowledged(name: str, frames: list[int], tmp_path: Path) -> None:
-    out, kills = prepare_out(tmp_path / "run", TINY), len(frames)
-    with started(TINY, out, 1) as (supervisor, sim):
+    out, kills = prepare_out(tmp_path / "run", PACED), len(frames)
+    with started(PACED, out, 1) as (supervisor, sim):
         nemesis = Nemesis(supervisor, name, frames)
         follow(supervisor, sim, out, nemesis.watch)
-    finish(TINY, out, "processes")
+    finish(PACED, out, "processes")
     summary = Summary.read(out)
     assert nemesis.kills == kills
     assert summary.complete and not summary.deterministic
