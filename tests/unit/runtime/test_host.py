@@ -84,6 +84,8 @@ def test_bytes_may_still_come_while_they_are_saved(
     finally:
         stop.set()
         thread.join()
+    bus.mailbox.bytes_received[keys.RADIO, NAME, "last"] += 1
+    host.save({})
     assert json.loads((tmp_path / bytes_file("navigator")).read_text())["down"]
 
 
