@@ -22,6 +22,7 @@ UNKNOWN_HEIGHT: Final = -(2**31)
 UNKNOWN_GRADIENT: Final = -32768
 UNKNOWN_OCCUPATION: Final = 255
 OCCUPATION_ONE: Final = 254
+SHARE_ONE: Final = 200
 
 
 @dataclass(frozen=True)
@@ -67,18 +68,43 @@ TABLE: Final = (
         moved=0.1 * OCCUPATION_ONE, fused="from the fused gradients; at map level mean of what is known",
     ),
     LayerKind("confidence", "0..255", 0.0, wire="u1", lowest=1, moved=16, fused="sum, at most 255"),
+    LayerKind(
+        "height_top", "m", wire="<i4", step=1e-3, lowest=1 - 2**31, highest=2**31 - 1, unknown=UNKNOWN_HEIGHT,
+        moved=250, fused="the higher", basic=False,
+    ),
+    LayerKind("confidence_top", "0..255", 0.0, wire="u1", lowest=1, moved=16, fused="sum, at most 255", basic=False),
+    LayerKind(
+        "wall_share", "0..1", 0.0, wire="u1", step=1 / SHARE_ONE, highest=SHARE_ONE, moved=0.1 * SHARE_ONE,
+        fused="mean", basic=False,
+    ),
+    LayerKind(
+        "free_share", "0..1", 0.0, wire="u1", step=1 / SHARE_ONE, highest=SHARE_ONE, moved=0.1 * SHARE_ONE,
+        fused="mean", basic=False,
+    ),
 )  # fmt: skip
+
+
+def holds_nothing(kind: LayerKind, values: Layer) -> bool:
+    """Whether values of a layer are all as where nothing is known."""
+    return bool(np.isnan(values).all() if math.isnan(kind.blank) else (values == kind.blank).all())
+
+
 KINDS: Final = {kind.name: kind for kind in TABLE}
 LAYERS: Final = tuple(kind.name for kind in TABLE if kind.basic)
 MAPPED: Final = tuple(kind for kind in TABLE if kind.wire)
 """What mapping finds out, in the order of a cell's values in kernels, registers and hashes."""
 MAPPED_LAYERS: Final = tuple(kind.name for kind in MAPPED)
+BASIC_LAYERS: Final = tuple(kind.name for kind in MAPPED if kind.basic)
 WIDTH: Final = len(MAPPED)
 HEIGHT: Final = MAPPED_LAYERS.index("height")
 GRADIENT_X: Final = MAPPED_LAYERS.index("gradient_x")
 GRADIENT_Y: Final = MAPPED_LAYERS.index("gradient_y")
 OCCUPATION: Final = MAPPED_LAYERS.index("occupation")
 CONFIDENCE: Final = MAPPED_LAYERS.index("confidence")
+HEIGHT_TOP: Final = MAPPED_LAYERS.index("height_top")
+CONFIDENCE_TOP: Final = MAPPED_LAYERS.index("confidence_top")
+WALL_SHARE: Final = MAPPED_LAYERS.index("wall_share")
+FREE_SHARE: Final = MAPPED_LAYERS.index("free_share")
 CONFIDENCE_MAX = 255.0
 CONFIDENT = 64.0
 """A cell counts as mapped from this confidence on (mapping.md section 6, "mapping time")."""

@@ -18,7 +18,7 @@ from orograph.kinds import AtMost
 from orograph.layers import MAPPED
 from orograph.routes import Route, Routed
 
-SCHEMA_VERSION: Final = 1
+SCHEMA_VERSION: Final = 2
 FRAGMENT_MAX_BYTES: Final = 30_000
 """Largest piece on the wire (zenoh.md 5); the bus cuts a longer message and joins it again."""
 MESSAGE_MAX_BYTES: Final = 4_010_000

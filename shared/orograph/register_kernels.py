@@ -13,14 +13,17 @@ from numba import njit
 def whole_numbers(values: Any, step: Any, lowest: Any, highest: Any, unknown: Any) -> Any:
     """Whole numbers (n, k) of `step` (k,) nearest to values (n, k), halves away from zero, within bounds.
 
-    NaN becomes `unknown`: the one rounding of the project.
+    NaN becomes `unknown`, and nothing stays nothing: the one rounding of the project.
     """
     whole = np.empty(values.shape, np.int64)
     for i in range(values.shape[0]):
         for k in range(values.shape[1]):
             steps = np.float64(values[i, k]) / step[k]
             nearest = math.copysign(math.floor(abs(steps) + 0.5), steps)
-            whole[i, k] = unknown[k] if math.isnan(steps) else np.int64(min(max(nearest, lowest[k]), highest[k]))
+            if math.isnan(steps) or steps == 0.0:
+                whole[i, k] = 0 if steps == 0.0 else unknown[k]
+            else:
+                whole[i, k] = np.int64(min(max(nearest, lowest[k]), highest[k]))
     return whole
 
 

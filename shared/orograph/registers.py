@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from orograph.arrays import I64
+from orograph.arrays import I64, Mask
 from orograph.grid import Grid
-from orograph.layers import MAPPED, MAPPED_LAYERS, WIDTH, CellMap, Layer
+from orograph.layers import MAPPED, MAPPED_LAYERS, WIDTH, CellMap, Layer, holds_nothing
 from orograph.messages import UPDATE, Packed
 from orograph.register_kernels import whole_numbers
 
@@ -35,6 +35,12 @@ def put_numbers(records: Packed, whole: npt.NDArray[Any]) -> None:
         records[name] = column
 
 
+def has_evidence(records: Packed) -> Mask:
+    """Which records (...) say anything: of the ground, or of what stands on it."""
+    seen: Mask = (records["confidence"] > 0) | (records["confidence_top"] > 0)
+    return seen
+
+
 def numbers(records: Packed) -> I64:
     """The whole numbers (..., WIDTH) of records (...) of any type with UPDATE's layers."""
     whole = np.empty((*records.shape, WIDTH), np.int64)
@@ -53,13 +59,16 @@ def unpack(
     records: Packed, grid: Grid, gps_quality: Layer | None = None, communications: Layer | None = None
 ) -> CellMap:
     """A cell map over `grid` that holds these records' values (any dtype with UPDATE's value fields), NaN elsewhere."""
-    out = CellMap.unknown(grid)
+    live = records[has_evidence(records)]
+    cells, whole = live["cell"].astype(np.int64), values(live)
+    layers = dict(CellMap.unknown(grid).by_name)
+    for kind, column in zip(MAPPED, whole.T, strict=True):
+        layer = np.full(grid.shape, kind.blank, np.float32)
+        layer.reshape(-1)[cells] = column
+        if kind.basic or not holds_nothing(kind, column):
+            layers[kind.name] = layer
     if gps_quality is not None:
-        out.gps_quality[...] = gps_quality
+        layers["gps_quality"] = gps_quality.copy()
     if communications is not None:
-        out.communications[...] = communications
-    live = records[records["confidence"] > 0]
-    cells = live["cell"].astype(np.int64)
-    for name, column in zip(MAPPED_LAYERS, values(live).T, strict=True):
-        out.by_name[name].reshape(-1)[cells] = column
-    return out
+        layers["communications"] = communications.copy()
+    return CellMap(grid, layers)

@@ -14,17 +14,20 @@ from pydantic.dataclasses import dataclass
 SLOPE_MAX = 0.3
 """Largest passable slope of the paper's robot (mapping.md section 2.3)."""
 _TANGENT_ONE = 10**9
-NamedRules = Literal["paper", "default"]
+NamedRules = Literal["paper", "default", "surface"]
 
 
 class RealRules(NamedTuple):
-    """What the compiled fusion reads; slope_max NaN means that occupation is fused like height."""
+    """What the compiled kernels read; slope_max NaN means that occupation is fused like height."""
 
     half_life_ms: float
     height_gate_m: float
     tan_similarity: float
     printed: bool
     slope_max: float
+    two_surfaces: bool
+    step_m: float
+    overhang_m: float
 
 
 class WholeRules(NamedTuple):
@@ -38,6 +41,7 @@ class WholeRules(NamedTuple):
     similar_n: int
     similar_d: int
     printed: bool
+    two_surfaces: bool
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid", ser_json_inf_nan="strings"))
@@ -48,6 +52,12 @@ class Rules:
     height_gate_m: Annotated[float, Field(gt=0)] = math.inf
     similarity_deg: Annotated[float, Field(gt=0, lt=90)] = 10.0
     printed_equation_12: bool = False
+    two_surfaces: bool = False
+    """Ground and what stands on it are two surfaces (mapping.md section 7); else one mean of all points."""
+    step_m: Annotated[float, Field(gt=0)] = 0.3
+    """What rises by so much within a fine cell stands there, and bars the robot."""
+    overhang_m: Annotated[float, Field(gt=0)] = 1.5
+    """What begins higher over the ground than this lets the robot pass below."""
 
     @classmethod
     def paper(cls) -> Rules:
@@ -68,7 +78,10 @@ class Rules:
         """For the kernels; `slope_max` None fuses occupation like height (map level: LLRM, GLRM)."""
         tan_similarity = math.tan(math.radians(self.similarity_deg))
         slope = math.nan if slope_max is None else slope_max
-        return RealRules(self.half_life_s * 1e3, self.height_gate_m, tan_similarity, self.printed_equation_12, slope)
+        return RealRules(
+            self.half_life_s * 1e3, self.height_gate_m, tan_similarity, self.printed_equation_12, slope,
+            self.two_surfaces, self.step_m, self.overhang_m,
+        )  # fmt: skip
 
     def whole(self) -> WholeRules:
         """For the fold, which every host computes alike."""
@@ -79,9 +92,14 @@ class Rules:
             round(math.sin(angle) * _TANGENT_ONE),
             round(math.cos(angle) * _TANGENT_ONE),
             self.printed_equation_12,
+            self.two_surfaces,
         )
 
 
-NAMED: dict[str, Rules] = {"paper": Rules(), "default": Rules(half_life_s=60.0, height_gate_m=1.0)}
-"""The named sets: `paper` has no height gate and no decay."""
-PAPER, DEFAULT = NAMED["paper"], NAMED["default"]
+NAMED: dict[str, Rules] = {
+    "paper": Rules(),
+    "default": Rules(half_life_s=60.0, height_gate_m=1.0),
+    "surface": Rules(half_life_s=60.0, height_gate_m=0.3, two_surfaces=True),
+}
+"""The named sets: `paper` has no height gate and no decay, `surface` parts the ground from what stands on it."""
+PAPER, DEFAULT, SURFACE = NAMED["paper"], NAMED["default"], NAMED["surface"]

@@ -21,7 +21,7 @@ from orograph.navigation.planner import BLOCKED
 from orograph.points import points_from_ranges
 from orograph.protocol.fold import fold_registers, whole_prior
 from orograph.protocol.tiles import map_hash
-from orograph.registers import unpack
+from orograph.registers import has_evidence, unpack
 from orograph.rules import Rules
 from orograph.scenario import LaserSpec, Scenario
 from orograph.scene.prior import given_layers, prior_records
@@ -48,12 +48,13 @@ class Replay:
     """Robots that map what they are given by one rule set, over one prior, and the map that they make together."""
 
     def __init__(self, scenario: Scenario, rules: str) -> None:
-        self.scenario, self._rules = scenario, rules
+        self.scenario = scenario = scenario.model_copy(update={"rules": rules})
+        self._rules = rules
         self._grid, self._factor = scenario.grid.grid, scenario.hrm.per_glrm_cell
         self._prior_records = whole_prior(prior_records(scenario), self._grid.size)
         self._given = given_layers(scenario)
         self.prior = unpack(self._prior_records, self._grid, *self._given)
-        occupation, known = self._prior_records["occupation"], self._prior_records["confidence"] > 0
+        occupation, known = self._prior_records["occupation"], has_evidence(self._prior_records)
         self._prior_values = values_of(self.prior)
         self._told = np.where(known, occupation, np.uint8(UNKNOWN_OCCUPATION))
         self._mappers = {n + 1: self._mapper() for n in range(scenario.robots)}

@@ -11,7 +11,7 @@ from orograph import keys
 from orograph.grid import Grid
 from orograph.judge.map_score import JUDGED, map_figures
 from orograph.judge.score import height_error
-from orograph.layers import MAPPED_LAYERS, CellMap
+from orograph.layers import BASIC_LAYERS, CellMap
 from orograph.mapping.cells import values_of
 from orograph.messages import POSE, REGISTER, ROBOT_REGISTER
 from orograph.protocol.fold import fold_registers, whole_prior
@@ -123,7 +123,7 @@ def mapping_artifacts(scenario: Scenario, scene: Scene, index: int) -> dict[str,
     )
     time_ns = np.arange(LENGTH_S) * 10**9
     return {
-        **{f"hrm_{name}": getattr(hrm, name) for name in MAPPED_LAYERS},
+        **{f"hrm_{name}": getattr(hrm, name) for name in BASIC_LAYERS},
         "hrm_origin_m": np.array(grid.origin_m), "hrm_cell_m": np.array(0.5),
         "initial_hrm_height": initial.astype(np.float32), "initial_hrm_origin_m": np.array(start.origin_m),
         "registers": rows, "acknowledged": rows.copy(),

@@ -16,7 +16,7 @@ def test_rules_by_name_and_by_numbers():
 
 def test_the_whole_form_has_no_ageing_as_0_and_no_gate_as_minus_1():
     assert PAPER.whole()[:2] == (0, -1)
-    assert DEFAULT.whole() == (60_000, 1_000, 173_648_178, 984_807_753, False)
+    assert DEFAULT.whole() == (60_000, 1_000, 173_648_178, 984_807_753, False, False)
     assert Rules(2.5, 0.25, printed_equation_12=True).whole()[:2] == (2_500, 250)
     assert Rules(1e-9).whole().half_life_ms == 1, "0 would be none"
     steep = Rules(similarity_deg=80).whole()

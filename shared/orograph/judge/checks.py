@@ -13,6 +13,7 @@ from orograph.judge import invariants
 from orograph.messages import ROBOT_REGISTER, UPDATE, Packed
 from orograph.protocol.fold import fold_registers, whole_prior
 from orograph.protocol.tiles import map_hash
+from orograph.registers import has_evidence
 from orograph.rules import Rules
 from orograph.storage.parts import RunParts
 from orograph.storage.results import Contact
@@ -68,7 +69,7 @@ def read_ledger(parts: RunParts) -> Ledger:
 
 def _registers(robot: str, updates: Packed) -> Packed:
     """Those of a robot's UPDATEs that hold evidence."""
-    live = updates[updates["confidence"] > 0]
+    live = updates[has_evidence(updates)]
     out = np.zeros(len(live), ROBOT_REGISTER)
     out["robot"] = keys.robot_number(robot)
     for name in UPDATE.names or ():

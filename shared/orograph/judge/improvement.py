@@ -11,7 +11,7 @@ from orograph.arrays import Mask
 from orograph.grid import Grid
 from orograph.judge.map_score import JUDGED, confident, judged, map_figures
 from orograph.judge.map_truth import MapTruth
-from orograph.layers import MAPPED_LAYERS, CellMap
+from orograph.layers import BASIC_LAYERS, CellMap
 from orograph.mapping.cells import cut
 from orograph.mapping.rescaling import expand
 from orograph.storage.results import Improvement, MapFigures, PriorAndFinal
@@ -30,7 +30,7 @@ class BeforeAfter:
     @classmethod
     def of(cls, prior: CellMap, final: CellMap, truth: MapTruth) -> BeforeAfter:
         """Touched is what differs: the way to tell where the evidence itself was not kept."""
-        pairs = [(prior.by_name[name], final.by_name[name]) for name in MAPPED_LAYERS]
+        pairs = [(prior.by_name[name], final.by_name[name]) for name in BASIC_LAYERS]
         return cls(prior, final, truth, np.any([~((a == b) | (np.isnan(a) & np.isnan(b))) for a, b in pairs], axis=0))
 
 

@@ -19,7 +19,7 @@ from orograph.arrays import F64, Mask
 from orograph.grid import Grid
 from orograph.judge.provenance import code_digest
 from orograph.judge.route import patrol_poses
-from orograph.layers import CONFIDENT, MAPPED_LAYERS, CellMap
+from orograph.layers import BASIC_LAYERS, CONFIDENT, CellMap
 from orograph.mapping import RobotMapper
 from orograph.messages import ROBOT_REGISTER
 from orograph.protocol.fold import fold_registers, whole_prior
@@ -94,7 +94,7 @@ def build(scenario: Scenario) -> Reference:
     whole = CellMap.unknown(scenario.grid.grid.refined(scenario.hrm.per_glrm_cell))
     between_ns = round(SPACING_M / scenario.robot.speed_max_mps * 1e9)
     for k, (points, ranges_m, position) in enumerate(dense_scans(build_scene(scenario), poses, DENSITY)):
-        mapper.step(points, ranges_m, (float(position[0]), float(position[1])), k * between_ns)
+        mapper.step(points, ranges_m, position, k * between_ns)
         _keep_best(whole, mapper.evidence)
     return Reference(_glrm(scenario, mapper, given), _cropped(whole), poses)
 
@@ -122,7 +122,7 @@ def _overlap(into: Grid, source: Grid) -> tuple[tuple[slice, slice], tuple[slice
 
 def _paste(into: CellMap, source: CellMap) -> None:
     mine, theirs = _overlap(into.grid, source.grid)
-    for name in MAPPED_LAYERS:
+    for name in BASIC_LAYERS:
         getattr(into, name)[mine] = getattr(source, name)[theirs]
 
 
@@ -130,7 +130,7 @@ def _keep_best(whole: CellMap, evidence: CellMap) -> None:
     """What rolled out and comes back from the coarse map must not blur what was seen finely: the surer cell stays."""
     mine, theirs = _overlap(whole.grid, evidence.grid)
     better = evidence.confidence[theirs] >= np.maximum(whole.confidence[mine], 1e-6)
-    for name in MAPPED_LAYERS:
+    for name in BASIC_LAYERS:
         layer = getattr(whole, name)[mine]
         layer[better] = getattr(evidence, name)[theirs][better]
 
@@ -147,7 +147,7 @@ def _cropped(whole: CellMap) -> CellMap:
 
 def _save(path: Path, reference: Reference) -> None:
     arrays: dict[str, Any] = {"poses": reference.poses, "hrm_origin_m": np.array(reference.hrm.grid.origin_m)}
-    for name in MAPPED_LAYERS:
+    for name in BASIC_LAYERS:
         arrays[f"glrm_{name}"] = getattr(reference.glrm, name)
         arrays[f"hrm_{name}"] = getattr(reference.hrm, name)
     write_arrays(path, arrays)
@@ -159,7 +159,7 @@ def _load(path: Path, scenario: Scenario) -> Reference:
         x0, y0 = (float(v) for v in kept["hrm_origin_m"])
         rows, cols = kept["hrm_height"].shape
         hrm = CellMap.unknown(Grid((x0, y0), scenario.grid.cell_m / scenario.hrm.per_glrm_cell, (rows, cols)))
-        for name in MAPPED_LAYERS:
+        for name in BASIC_LAYERS:
             getattr(glrm, name)[...] = kept[f"glrm_{name}"]
             getattr(hrm, name)[...] = kept[f"hrm_{name}"]
         gps_quality, communications = given_layers(scenario)

@@ -20,7 +20,7 @@ from orograph.judge.timing import table_2
 from orograph.judge.tracks import Track, tracks
 from orograph.layers import CONFIDENT, CellMap, Layer
 from orograph.protocol.tiles import map_hash
-from orograph.registers import unpack
+from orograph.registers import has_evidence, unpack
 from orograph.scene import Scene, build_scene
 from orograph.scene.prior import given_layers, prior_records
 from orograph.storage.parts import RunParts
@@ -110,7 +110,7 @@ def judge(parts: RunParts, reference: Reference) -> Verdict:
 def _held(ledger: Ledger, grid: Grid) -> Mask:
     """GLRM cells (rows, cols) of which the manager holds any evidence."""
     held = np.zeros(grid.size, np.bool_)
-    held[ledger.held["cell"][ledger.held["confidence"] > 0]] = True
+    held[ledger.held["cell"][has_evidence(ledger.held)]] = True
     return held.reshape(grid.shape)
 
 

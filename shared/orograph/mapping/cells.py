@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph.grid import Grid
-from orograph.layers import MAPPED, MAPPED_LAYERS, CellMap, Layer
+from orograph.layers import KINDS, MAPPED, MAPPED_LAYERS, CellMap, Layer, holds_nothing
 
 Values = npt.NDArray[np.float32]
 Ticks = npt.NDArray[np.uint32]
@@ -27,19 +27,31 @@ def unknown_values(count: int) -> Values:
 
 def values_of(cell_map: CellMap) -> Values:
     """Values (rows * cols, WIDTH) of a map, row by row."""
-    return np.stack([cell_map.by_name[name].reshape(-1) for name in MAPPED_LAYERS], axis=1)
+    values = unknown_values(cell_map.grid.size)
+    for i, name in enumerate(MAPPED_LAYERS):
+        if name in cell_map.by_name:
+            values[:, i] = cell_map.by_name[name].reshape(-1)
+    return values
 
 
 def map_of(values: Values, grid: Grid, given: Given | None = None) -> CellMap:
-    """A map over `grid` from values (grid.size, WIDTH); without given layers: no GPS, communications everywhere."""
+    """A map over `grid` from values (grid.size, WIDTH); without given layers: no GPS, communications everywhere.
+
+    Layers that are not basic are left out where they hold nothing.
+    """
     gps_quality, communications = given or (np.zeros(grid.shape, np.float32), np.ones(grid.shape, np.float32))
-    mapped = {name: values[:, i].reshape(grid.shape).copy() for i, name in enumerate(MAPPED_LAYERS)}
+    mapped = {
+        kind.name: values[:, i].reshape(grid.shape).copy()
+        for i, kind in enumerate(MAPPED)
+        if kind.basic or not holds_nothing(kind, values[:, i])
+    }
     return CellMap(grid, {"gps_quality": gps_quality.copy(), "communications": communications.copy(), **mapped})
 
 
 def cut(cell_map: CellMap, row: int, col: int, shape: tuple[int, int]) -> CellMap:
     """The rectangle of `shape` cells from (row, col) on; it may hang over the edge, where nothing is known."""
-    out = CellMap.unknown(cell_map.grid.window(row, col, shape))
+    grid = cell_map.grid.window(row, col, shape)
+    out = CellMap(grid, {name: np.full(shape, KINDS[name].blank, np.float32) for name in cell_map.by_name})
     rows, cols = slice(max(row, 0), row + shape[0]), slice(max(col, 0), col + shape[1])
     for (_, layer), (_, source) in zip(out.layers(), cell_map.layers(), strict=True):
         part = source[rows, cols]

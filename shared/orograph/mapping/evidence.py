@@ -10,13 +10,14 @@ import math
 
 import numpy as np
 
-from orograph.arrays import I32, Mask
+from orograph.arrays import F32, I32, I64, U1, Mask
 from orograph.grid import Grid
-from orograph.layers import CONFIDENCE, WIDTH
+from orograph.layers import CONFIDENCE, CONFIDENCE_TOP, WIDTH
 from orograph.mapping.cells import Cells, Ticks, Values, unknown_values
 from orograph.mapping.fusion_kernels import fuse_cells
 from orograph.mapping.rescaling_kernels import expand_blocks, mark_blocks, rescale_marked
 from orograph.mapping.rolling import roll_into
+from orograph.mapping.standing_kernels import clear_passed, fuse_scan, fuse_surfaces
 from orograph.rules import RealRules
 
 
@@ -33,7 +34,9 @@ class Evidence:
         self.values, self.ticks = unknown_values(hrm_cells**2), np.zeros(hrm_cells**2, np.uint32)
         self.window: tuple[int, int] | None = None
         """GLRM (row, col) of the window's first block; it may hang over the GLRM's edge."""
-        self._spare = np.empty_like(self.values), np.empty_like(self.ticks)
+        self.standing: F32 = np.zeros(hrm_cells**2, np.float32)
+        """Hits less misses of what stands in each fine cell (`standing_kernels`)."""
+        self._spare = np.empty_like(self.values), np.empty_like(self.ticks), np.empty_like(self.standing)
         self.stale: Mask = np.ones((self.blocks, self.blocks), np.bool_)
         """Blocks of the window that changed since their user last cleared this."""
         self._marked: Mask = np.zeros(self.blocks**2, np.bool_)
@@ -62,9 +65,20 @@ class Evidence:
         if (row, col) != self.window:
             self._move((row, col), self.window)
 
-    def fuse_fine(self, cells: Cells, values: Values, ticks: Ticks, rules: RealRules) -> None:
-        """Fuse values (k, WIDTH) of ticks (k,) into the fine cells (k,)."""
-        fuse_cells(self.values, self.ticks, cells, values, ticks, rules)
+    def fuse_scan(self, cells: Cells, values: Values, kinds: U1, tick: int, rules: RealRules) -> None:
+        """Fuse one scan's values (k, WIDTH) and kinds (k,) at `tick` [ms] into the fine cells (k,)."""
+        if rules.two_surfaces:
+            fuse_scan(self.values, self.ticks, self.standing, cells, values, kinds, np.uint32(tick), rules)
+        else:
+            self._fuse_fine(cells, values, np.full(len(cells), tick, np.uint32), rules)
+
+    def clear_passed(self, cells: Cells, passes: I64, rules: RealRules) -> Cells:
+        """Count the rays that passed (k,) against what stands in fine cells (k,); returns those that are free now."""
+        freed: Cells = clear_passed(self.values, self.standing, cells, passes, rules.slope_max)
+        return freed
+
+    def _fuse_fine(self, cells: Cells, values: Values, ticks: Ticks, rules: RealRules) -> None:
+        (fuse_surfaces if rules.two_surfaces else fuse_cells)(self.values, self.ticks, cells, values, ticks, rules)
 
     def rescale(self, cells: Cells) -> Cells:
         """Bring the coarse values under these fine cells up to date; returns their GLRM cells, ascending."""
@@ -74,6 +88,12 @@ class Evidence:
             self.coarse_ticks,
         )  # fmt: skip
         return touched
+
+    def blocks_of(self, cells: Cells) -> Cells:
+        """The blocks of the window in which these fine cells lie, ascending."""
+        touched = np.zeros(self.blocks**2, np.bool_)
+        touched[self._block_of_cell[cells]] = True
+        return np.flatnonzero(touched)
 
     def put(self, glrm_cells: Cells, values: Values, ticks: Ticks) -> None:
         """Set GLRM cells (k,), and the fine cells of those under the window, to values (k, WIDTH) and ticks (k,)."""
@@ -85,17 +105,18 @@ class Evidence:
         """Fuse values (k, WIDTH) of GLRM cells: into fine cells under the window by `fine`, elsewhere by `coarse`."""
         within, blocks = self._blocks(glrm_cells)
         away = ~within
-        fuse_cells(self.coarse, self.coarse_ticks, glrm_cells[away], values[away], ticks[away], coarse)
+        fuse_far = fuse_surfaces if coarse.two_surfaces else fuse_cells
+        fuse_far(self.coarse, self.coarse_ticks, glrm_cells[away], values[away], ticks[away], coarse)
         if not within.any():
             return
         cells = self._fine_cells(blocks[within])
         each = self.factor**2
-        self.fuse_fine(cells, np.repeat(values[within], each, axis=0), np.repeat(ticks[within], each), fine)
+        self._fuse_fine(cells, np.repeat(values[within], each, axis=0), np.repeat(ticks[within], each), fine)
         self.rescale(cells)
 
     def known_cells(self) -> Cells:
         """GLRM cells with any evidence, ascending."""
-        return np.flatnonzero(self.coarse[:, CONFIDENCE] > 0)
+        return np.flatnonzero((self.coarse[:, CONFIDENCE] > 0) | (self.coarse[:, CONFIDENCE_TOP] > 0))
 
     def _move(self, window: tuple[int, int], left: tuple[int, int] | None) -> None:
         """Every block of the new window is either kept or set from the coarse values, so nothing is cleared first."""
@@ -104,11 +125,12 @@ class Evidence:
             moved, side = (window[0] - left[0], window[1] - left[1]), self.blocks * self.factor
             roll_into(entered, np.zeros_like(entered), moved)
             roll_into(self.stale, was_stale, moved)
-            old, (values, ticks) = (self.values, self.ticks), self._spare
+            old, (values, ticks, standing) = (self.values, self.ticks, self.standing), self._spare
             moved = moved[0] * self.factor, moved[1] * self.factor
             roll_into(values.reshape(side, side, WIDTH), old[0].reshape(side, side, WIDTH), moved)
             roll_into(ticks.reshape(side, side), old[1].reshape(side, side), moved)
-            self.values, self.ticks, self._spare = values, ticks, old
+            roll_into(standing.reshape(side, side), old[2].reshape(side, side), moved)
+            self.values, self.ticks, self.standing, self._spare = values, ticks, standing, old
         self.window = window
         blocks = np.flatnonzero(entered)
         inside, glrm_cells = self._glrm_cells(blocks)
@@ -118,7 +140,8 @@ class Evidence:
 
     def _expand(self, blocks: Cells, values: Values, ticks: Ticks) -> None:
         self.stale.reshape(-1)[blocks] = True
-        expand_blocks(values, ticks, self.blocks * self.factor, self.factor, blocks, self.values, self.ticks)
+        side = self.blocks * self.factor
+        expand_blocks(values, ticks, side, self.factor, blocks, self.values, self.ticks, self.standing)
 
     def _glrm_cells(self, blocks: Cells) -> tuple[Mask, Cells]:
         assert self.window is not None

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from orograph.arrays import F32, F64
+from orograph.arrays import F32, F64, U1, Mask
 from orograph.grid import Grid
-from orograph.layers import CONFIDENCE, CellMap
+from orograph.layers import HEIGHT_TOP, CellMap
 from orograph.mapping.cells import Cells, Given, Values, cut, map_of, unknown_values
 from orograph.mapping.door import (
     RANGE_MIN_M,
@@ -22,14 +22,16 @@ from orograph.mapping.door import (
     within,
 )  # fmt: skip
 from orograph.mapping.evidence import Evidence
-from orograph.mapping.fusion import fuse
+from orograph.mapping.fusion import fuse, lay_over
 from orograph.mapping.occupancy import Codes, OccupancyView
 from orograph.mapping.reconstruction import DROP_REASONS, Reconstructor
 from orograph.mapping.rescaling import expand, rescale
+from orograph.mapping.seeing import Rays
+from orograph.mapping.surface_kernels import STEP
 from orograph.mapping.updates import moved
 from orograph.messages import Packed
 from orograph.points import points_from_ranges
-from orograph.registers import pack, values
+from orograph.registers import has_evidence, pack, values
 from orograph.rules import SLOPE_MAX, Rules
 from orograph.stages import Stage, untimed
 
@@ -48,7 +50,10 @@ class RobotMapper:
         """
         positive("slope_max", slope_max)
         self._evidence = Evidence(glrm_grid, hrm_cells, per_glrm_cell)
-        self._reconstructor = Reconstructor(hrm_cells**2, positive("range_max_m", range_max_m), slope_max, stage)
+        self._reconstructor = Reconstructor(
+            hrm_cells**2, positive("range_max_m", range_max_m), rules.real(slope_max), stage
+        )
+        self._rays, self._cell_m = Rays(), glrm_grid.cell_m / per_glrm_cell
         self._rules, self._slope_max, self._stage = rules, slope_max, stage
         self._given = map_of(unknown_values(glrm_grid.size), glrm_grid, given)
         self._fine_rules, self._coarse_rules = rules.real(slope_max), rules.real(None)
@@ -57,12 +62,13 @@ class RobotMapper:
         self._below_range = self._outside_map = 0
 
     def step(
-        self, points: npt.ArrayLike, ranges_m: npt.ArrayLike, position_xy_m: npt.ArrayLike, stamp_ns: int,
+        self, points: npt.ArrayLike, ranges_m: npt.ArrayLike, position_m: npt.ArrayLike, stamp_ns: int,
         held: Packed | None = None,
     ) -> Packed:  # fmt: skip
         """Map one scan: points (n, 3) [m, map frame] measured at ranges (n,) [m]; returns the UpdatedCellsList.
 
-        The HRM follows `position_xy_m`; `stamp_ns` is of any clock that counts nanoseconds. The list (UPDATE, ascending
+        The HRM follows `position_m`, the laser's place (x, y) or (x, y, z); rules of two surfaces need its z to see
+        what rays pass through. `stamp_ns` is of any clock that counts nanoseconds. The list (UPDATE, ascending
         cells, seq 0) has the touched cells that are away enough from what the receiver holds, each with the robot's
         whole evidence for it (mapping.md section 4). `held` (cells of the GLRM,) are the receiver's registers, UPDATE
         or REGISTER, with confidence 0 where it holds none; None is nothing at all. Raises ValueError for what is no
@@ -72,20 +78,22 @@ class RobotMapper:
         ranges_m = checked_ranges(ranges_m, len(points))
         dropped = near(ranges_m, self._range_min_m)
         self._below_range += int(dropped.sum())
-        x_m, y_m = checked_position(position_xy_m)
-        return self._map(points[~dropped], ranges_m[~dropped], (x_m, y_m), self._clock.tick(stamp_ns), held)
+        checked_position(position_m)
+        eye_m = np.asarray(position_m, np.float64)
+        return self._map(points[~dropped], ranges_m[~dropped], eye_m, self._clock.tick(stamp_ns), held)
 
     def _map(
-        self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], position_xy_m: npt.ArrayLike, tick: int,
-        held: Packed | None,
-    ) -> Packed:  # fmt: skip
+        self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], eye_m: F64, tick: int, held: Packed | None
+    ) -> Packed:
         evidence = self._evidence
-        self.roll_to(position_xy_m)
+        self.roll_to(eye_m)
         self._count_outside_map(points)
-        cells, aux = self._reconstructor.aux(points, ranges_m, evidence.grid)
-        ticks = np.full(len(cells), tick, np.uint32)
+        raised = self._raised(points, eye_m)
+        cells, aux, kinds = self._reconstructor.aux(points, ranges_m, evidence.grid, evidence.values, raised)
         with self._stage("fuse_hrm"):
-            evidence.fuse_fine(cells, aux, ticks, self._fine_rules)
+            evidence.fuse_scan(cells, aux, kinds, tick, self._fine_rules)
+            if self._rules.two_surfaces:
+                cells = self._see_through(eye_m, cells, kinds, tick)
         with self._stage("rescale"):
             touched = self._registers_of(evidence.rescale(cells))
             return touched if held is None else np.compress(moved(touched, held[touched["cell"]]), touched)
@@ -102,7 +110,8 @@ class RobotMapper:
         """The same from a range image (u2, RANGE_UNIT_M) and the laser's pose in the map frame; the HRM follows it."""
         with self._stage("points"):
             points, ranges_m = points_from_ranges(ranges, directions, R_map_robot, laser_position_m)
-        return self._map(points, ranges_m, np.asarray(laser_position_m)[:2], stamp_ns // 1_000_000, held)
+        eye_m = np.asarray(laser_position_m, np.float64)
+        return self._map(points, ranges_m, eye_m, stamp_ns // 1_000_000, held)
 
     def _count_outside_map(self, points: npt.NDArray[Any]) -> None:
         """Points in the HRM and beyond the GLRM are mapped as long as they are in sight, and lost to everybody else."""
@@ -111,19 +120,39 @@ class RobotMapper:
             return
         self._outside_map += int((within(points, window) & ~within(points, whole)).sum())
 
+    def _raised(self, points: npt.NDArray[Any], eye_m: F64) -> Mask:
+        if not self._rules.two_surfaces or not _has_height(eye_m):
+            return np.zeros(len(points), np.bool_)
+        return self._rays.sort(np.ascontiguousarray(points.T, np.float64), eye_m, self._rules.step_m / self._cell_m)
+
+    def _see_through(self, eye_m: F64, cells: Cells, kinds: U1, tick: int) -> Cells:
+        """Free what rays passed through and keep the scan's obstacles for planning; all cells that may have changed."""
+        evidence, hit = self._evidence, cells[kinds == STEP]
+        self._planning.show(tick, hit)
+        if not _has_height(eye_m):
+            return cells
+        stands = np.flatnonzero(evidence.standing > 0)
+        stands = stands[~np.isin(stands, hit, assume_unique=True)]
+        tops_m = evidence.values[stands, HEIGHT_TOP] - np.float32(self._rules.step_m)
+        passes = self._rays.passes(eye_m, evidence.grid, stands, tops_m)
+        changed = np.concatenate([cells, evidence.clear_passed(stands, passes, self._fine_rules)])
+        blocks = evidence.blocks_of(changed)
+        self._rays.free_unseen(evidence.values, blocks, evidence.factor, evidence.grid, eye_m)
+        return changed
+
     def adopt(self, row: Packed, fuse: bool) -> None:
         """Take over the robot's own row as the Map Manager holds it (REGISTER).
 
         With `fuse` the row is of an earlier life and is fused with what was seen since; without, it only fills gaps.
         """
-        row = row[row["confidence"] > 0]
+        row = row[has_evidence(row)]
         cells = row["cell"].astype(np.int64)
         told = values(row).astype(np.float32)
         ticks = row["tick"].astype(np.uint32)
         if fuse:
             self._evidence.fuse_coarse(cells, told, ticks, self._fine_rules, self._coarse_rules)
         else:
-            missing = self._evidence.coarse[cells, CONFIDENCE] <= 0
+            missing = ~np.isin(cells, self._evidence.known_cells())
             self._evidence.put(cells[missing], told[missing], ticks[missing])
 
     def registers(self) -> Packed:
@@ -143,7 +172,7 @@ class RobotMapper:
     def hrm(self, prior: CellMap) -> CellMap:
         """The HRM that others see: own evidence fused over the GLRM `prior` under it, as far as that reaches."""
         under = expand(self._cut(prior), self._evidence.factor)
-        return fuse(under, self.evidence, self._rules, self._slope_max)
+        return (lay_over if self._rules.two_surfaces else fuse)(under, self.evidence, self._rules, self._slope_max)
 
     def planning_occupation(self, prior: Values, told: Codes) -> Codes:
         """Occupation codes (rows, cols): of `hrm` over `prior`; of `told` (codes) where there is no evidence.
@@ -180,3 +209,8 @@ class RobotMapper:
 
     def _registers_of(self, cells: Cells) -> Packed:
         return pack(cells, self._evidence.coarse_ticks[cells], self._evidence.coarse[cells])
+
+
+def _has_height(eye_m: F64) -> bool:
+    """Whether the laser's place came with its z, so that its rays are known."""
+    return len(eye_m) > 2 and bool(np.isfinite(eye_m[2]))

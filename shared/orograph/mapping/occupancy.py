@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 import numpy.typing as npt
 
-from orograph.layers import UNKNOWN_OCCUPATION
-from orograph.mapping.cells import Values
+from orograph.arrays import I64
+from orograph.layers import OCCUPATION_ONE, UNKNOWN_OCCUPATION
+from orograph.mapping.cells import Cells, Values
 from orograph.mapping.evidence import Evidence
 from orograph.mapping.occupancy_kernels import planning_codes
 from orograph.mapping.rolling import roll_into
 from orograph.rules import RealRules
 
+SHOWN_MS = 1_000
+"""So long planning sees what a scan showed to stand."""
 Codes = npt.NDArray[np.uint8]
 """Occupation in 1/254, 255 unknown."""
 
@@ -26,6 +31,16 @@ class OccupancyView:
         self._told: Codes = np.full((blocks, blocks), UNKNOWN_OCCUPATION, np.uint8)
         self._window: tuple[int, int] | None = None
         self._prior: Values | None = None
+        self._shown: deque[tuple[int, I64, I64]] = deque()
+
+    def show(self, tick: int, cells: Cells) -> None:
+        """A scan of `tick` [ms] shows that something stands in these fine cells: planning knows at once."""
+        assert self._evidence.window is not None, "no scan yet"
+        row0, col0 = (self._evidence.factor * at for at in self._evidence.window)
+        rows, cols = np.divmod(cells, self._codes.shape[1])
+        self._shown.append((tick, rows + row0, cols + col0))
+        while self._shown[0][0] <= tick - SHOWN_MS:
+            self._shown.popleft()
 
     def codes(self, prior: Values, told: Codes) -> Codes:
         """Codes (rows, cols) of evidence over `prior` (cells, WIDTH), of `told` (cells,) where there is no evidence."""
@@ -38,7 +53,17 @@ class OccupancyView:
             evidence.values, prior, told, evidence.glrm.shape, evidence.window, evidence.factor, self._rules,
             evidence.stale.reshape(-1), self._told.reshape(-1), self._codes,
         )  # fmt: skip
-        return self._codes.copy()
+        return self._with_shown(self._codes.copy())
+
+    def _with_shown(self, codes: Codes) -> Codes:
+        """The instant layer: the last scans' obstacles, whatever the slow map holds there."""
+        assert self._window is not None
+        side, (row0, col0) = len(codes), (self._evidence.factor * at for at in self._window)
+        for _, rows, cols in self._shown:
+            r, c = rows - row0, cols - col0
+            inside = (r >= 0) & (r < side) & (c >= 0) & (c < side)
+            codes[r[inside], c[inside]] = OCCUPATION_ONE
+        return codes
 
     def _roll_to(self, window: tuple[int, int]) -> None:
         """What enters is stale in the evidence's eyes, so its old codes here do no harm."""

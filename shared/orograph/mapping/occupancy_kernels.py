@@ -8,14 +8,26 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from orograph.layers import CONFIDENCE, OCCUPATION_ONE, UNKNOWN_OCCUPATION
+from orograph.layers import CONFIDENCE, OCCUPATION, OCCUPATION_ONE, UNKNOWN_OCCUPATION, WALL_SHARE
 from orograph.mapping.fusion_kernels import fuse_pair
+
+BARRED = OCCUPATION_ONE
 
 
 @njit(cache=True)
 def occupation_code(occupation: float) -> int:
     """Occupation in 1/254, halves up; NaN becomes 255."""
     return UNKNOWN_OCCUPATION if math.isnan(occupation) else math.floor(occupation * OCCUPATION_ONE + 0.5)
+
+
+@njit(cache=True)
+def surface_code(own: Any, told_code: Any) -> Any:
+    """What was measured, where anything was: ground without a slope is free where it is told to be barred."""
+    if own[WALL_SHARE] <= 0.0 and own[CONFIDENCE] <= 0.0:
+        return told_code
+    if math.isnan(own[OCCUPATION]):
+        return 0 if told_code >= BARRED else told_code
+    return occupation_code(np.float64(own[OCCUPATION]))
 
 
 @njit(cache=True, error_model="numpy")
@@ -46,7 +58,9 @@ def planning_codes(
         for r in range(block_row * factor, (block_row + 1) * factor):
             for c in range(block_col * factor, (block_col + 1) * factor):
                 own = values[r * cols + c]
-                if own[CONFIDENCE] <= 0.0:
+                if rules.two_surfaces:
+                    codes[r, c] = surface_code(own, told_code)
+                elif own[CONFIDENCE] <= 0.0:
                     codes[r, c] = told_code
                 elif known_too:
                     fused = fuse_pair(under, np.float64(under[CONFIDENCE]), own, np.float64(own[CONFIDENCE]), rules)

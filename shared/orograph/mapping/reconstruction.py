@@ -7,13 +7,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from orograph.arrays import F64, I64, U1
+from orograph.arrays import F64, I64, U1, Mask
 from orograph.grid import Grid
 from orograph.layers import CellMap
 from orograph.mapping import reconstruction_kernels as kernels
 from orograph.mapping.cells import Cells, Values, map_of, unknown_values
 from orograph.mapping.door import checked_points, checked_ranges, near, positive
-from orograph.rules import SLOPE_MAX
+from orograph.mapping.surface_kernels import blank_groundless, surfaces
+from orograph.rules import PAPER, SLOPE_MAX, RealRules
 from orograph.stages import Stage, untimed
 
 DROP_REASONS = ("not_finite", "beyond_range", "outside_grid")
@@ -33,6 +34,11 @@ class _Workspace(NamedTuple):
     hits: I64
     weight: F64
     values: Values
+    lowest: F64
+    highest: F64
+    foot: F64
+    kind: U1
+    top: F64
 
     @classmethod
     def sized(cls, cells: int, points: int) -> _Workspace:
@@ -41,37 +47,50 @@ class _Workspace(NamedTuple):
             np.full(cells, kernels.NONE, np.uint32), np.empty(points, np.uint32), np.empty(points, np.uint32),
             np.empty(points, np.uint8), np.empty(points), np.empty(points), np.empty(slots, np.int64),
             np.empty(slots, np.uint32), np.empty(slots), np.empty((slots, 8)), np.empty(slots, np.int64),
-            np.empty(slots), unknown_values(slots),
+            np.empty(slots), unknown_values(slots), np.empty(slots), np.empty(slots), np.empty(slots),
+            np.empty(slots, np.uint8), np.empty((slots, 4)),
         )  # fmt: skip
 
 
 class Reconstructor:
     """Section 2 on grids of one shape, with its memory kept from scan to scan."""
 
-    def __init__(self, cells: int, range_max_m: float, slope_max: float = SLOPE_MAX, stage: Stage = untimed) -> None:
+    def __init__(self, cells: int, range_max_m: float, rules: RealRules, stage: Stage = untimed) -> None:
         """`cells`: number of cells of the grids to come."""
-        self._cells, self._range_max_m, self._slope_max, self._stage = cells, range_max_m, slope_max, stage
+        self._cells, self._range_max_m, self._rules, self._stage = cells, range_max_m, rules, stage
         self._workspace = _Workspace.sized(cells, 0)
         self.dropped: I64 = np.zeros(len(DROP_REASONS), np.int64)
         """Points dropped so far, in the order of DROP_REASONS."""
 
-    def aux(self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], grid: Grid) -> tuple[Cells, Values]:
-        """Cells (k,) of `grid` that points (n, 3) fell into and their values (k, WIDTH), valid until the next call."""
+    def aux(
+        self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], grid: Grid, held: Values, raised: Mask
+    ) -> tuple[Cells, Values, U1]:
+        """Cells (k,) of `grid` that points (n, 3) fell into, their values (k, WIDTH) and kinds, until the next call.
+
+        Two surfaces are told apart by the ground of what is `held` (grid.size, WIDTH) and by which points (n,) are
+        `raised`.
+        """
         assert points.shape == (len(ranges_m), 3) and grid.size == self._cells, (points.shape, grid)
         xyz, ranges_m = np.ascontiguousarray(points.T, np.float64), np.ascontiguousarray(ranges_m)
         if len(points) > len(self._workspace.slot_of_point):
             self._workspace = _Workspace.sized(self._cells, len(points))
-        w, r, s, (x0, y0), side = self._workspace, self._range_max_m, self._slope_max, grid.origin_m, grid.cell_m
+        w, r, rules, (x0, y0), side = self._workspace, self._range_max_m, self._rules, grid.origin_m, grid.cell_m
         with self._stage("height"):
-            n = kernels.heights(xyz, ranges_m, r, x0, y0, side, grid.rows, grid.cols, w, self.dropped)
+            place = (x0, y0, side, grid.rows, grid.cols)
+            if rules.two_surfaces:
+                n = surfaces(xyz, ranges_m, r, *place, held, raised, rules, w, self.dropped)
+            else:
+                n = kernels.heights(xyz, ranges_m, r, *place, w, self.dropped)
         with self._stage("gradients"):
             kernels.gradients(xyz[2], n, side, grid.rows, grid.cols, w)
         with self._stage("confidence"):
             kernels.confidences(ranges_m, n, r, w)
         with self._stage("occupation"):
-            kernels.occupations(n, s, w.values)
+            kernels.occupations(n, rules.slope_max, w.values)
+        if rules.two_surfaces:
+            blank_groundless(n, w)
         kernels.release(n, w.cell_of_slot, w.slot_of_cell)
-        return w.cell_of_slot[:n], w.values[:n]
+        return w.cell_of_slot[:n], w.values[:n], w.kind[:n]
 
 
 def reconstruct(
@@ -85,8 +104,10 @@ def reconstruct(
     points = checked_points(points)
     ranges_m = checked_ranges(ranges_m, len(points))
     kept = ~near(ranges_m, 0.0)
-    mapper = Reconstructor(grid.size, positive("range_max_m", range_max_m), slope_max)
-    cells, touched = mapper.aux(points[kept], ranges_m[kept], grid)
+    points, ranges_m = points[kept], ranges_m[kept]
+    maker = Reconstructor(grid.size, positive("range_max_m", range_max_m), PAPER.real(slope_max))
+    raised = np.zeros(len(points), np.bool_)
     values = unknown_values(grid.size)
+    cells, touched, _ = maker.aux(points, ranges_m, grid, values, raised)
     values[cells] = touched
     return map_of(values, grid)

@@ -8,22 +8,50 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from orograph.layers import CONFIDENCE, GRADIENT_X, GRADIENT_Y, HEIGHT, OCCUPATION
+from orograph.layers import (
+    CONFIDENCE,
+    CONFIDENCE_TOP,
+    FREE_SHARE,
+    GRADIENT_X,
+    GRADIENT_Y,
+    HEIGHT,
+    HEIGHT_TOP,
+    OCCUPATION,
+    WALL_SHARE,
+)
+
+FEW = 0.1
+"""A cell that only its block says stands: the first look decides."""
+FREE = 0.6
+RIM = 0.1
+"""A block of which more than 6/10 is free is no house; of the fine cells along a wall, a tenth, half is free."""
+SURE = 64.0
+FEW_WALLS = 0.06
+"""Up to this share of walls bar a block only where the prior knows of a house."""
 
 
 @njit(cache=True, error_model="numpy")
 def rescale_block(values: Any, ticks: Any, cols: int, factor: int, first: int, coarse: Any) -> Any:
     """Set `coarse` (WIDTH,) from the factor x factor fine cells from cell `first` on; returns their newest tick.
 
-    Confidence-weighted means over known cells; confidence is the sum over the number of cells.
+    Confidence-weighted means over cells of known ground; confidence is the sum over the number of cells. Of what stands
+    the highest top, the mean confidence over the cells that show one, and the shares of the block; a block whose walls
+    leave no more than FREE of it free is barred.
     """
+    top, of_top, seen_top, walls, free = math.nan, 0.0, 0, 0.0, 0.0
     confidence, newest = 0.0, np.uint32(0)
     height = gradient_x = gradient_y = occupation = 0.0
     of_height = of_x = of_y = of_occupation = 0.0
     for row in range(factor):
         for cell in range(first + row * cols, first + row * cols + factor):
+            wall = np.float64(values[cell, WALL_SHARE])
+            walls, free = walls + wall, free + np.float64(values[cell, FREE_SHARE])
+            if values[cell, CONFIDENCE_TOP] > 0.0:
+                of_top, seen_top = of_top + np.float64(values[cell, CONFIDENCE_TOP]), seen_top + 1
+                top = np.float64(values[cell, HEIGHT_TOP]) if math.isnan(top) else max(top, values[cell, HEIGHT_TOP])
+                newest = max(newest, ticks[cell])
             c = np.float64(values[cell, CONFIDENCE])
-            if c <= 0.0:
+            if c <= 0.0 or wall >= 1.0:
                 continue
             h, gx = values[cell, HEIGHT], values[cell, GRADIENT_X]
             gy, o = values[cell, GRADIENT_Y], values[cell, OCCUPATION]
@@ -36,7 +64,12 @@ def rescale_block(values: Any, ticks: Any, cols: int, factor: int, first: int, c
                 occupation, of_occupation = occupation + c * o, of_occupation + c
     coarse[HEIGHT], coarse[GRADIENT_X] = height / of_height, gradient_x / of_x  # 0 / 0: unknown in every cell
     coarse[GRADIENT_Y], coarse[OCCUPATION] = gradient_y / of_y, occupation / of_occupation
-    coarse[CONFIDENCE] = confidence / (factor * factor)
+    size = factor * factor
+    coarse[CONFIDENCE], coarse[WALL_SHARE], coarse[FREE_SHARE] = confidence / size, walls / size, free / size
+    coarse[HEIGHT_TOP], coarse[CONFIDENCE_TOP] = top, of_top / max(seen_top, 1)
+    shows = walls > FEW_WALLS * size or coarse[CONFIDENCE_TOP] >= SURE
+    if walls > 0.0 and shows and free + min(walls, RIM * size) / 2.0 <= FREE * size:
+        coarse[OCCUPATION] = 1.0
     return newest
 
 
@@ -87,8 +120,13 @@ def rescale_marked(
 
 
 @njit(cache=True)
-def expand_blocks(coarse: Any, coarse_ticks: Any, cols: int, factor: int, blocks: Any, values: Any, ticks: Any) -> None:
-    """Set every fine cell of `blocks` (k,) to its block's coarse values (k, WIDTH) and ticks (k,), in place."""
+def expand_blocks(
+    coarse: Any, coarse_ticks: Any, cols: int, factor: int, blocks: Any, values: Any, ticks: Any, standing: Any
+) -> None:
+    """Set every fine cell of `blocks` (k,) to its block's coarse values (k, WIDTH) and ticks (k,), in place.
+
+    Where of a block something stands is forgotten: a first look decides.
+    """
     block_cols = cols // factor
     for i in range(blocks.shape[0]):
         first = (blocks[i] // block_cols) * factor * cols + (blocks[i] % block_cols) * factor
@@ -96,3 +134,4 @@ def expand_blocks(coarse: Any, coarse_ticks: Any, cols: int, factor: int, blocks
             for cell in range(first + row * cols, first + row * cols + factor):
                 values[cell] = coarse[i]
                 ticks[cell] = coarse_ticks[i]
+                standing[cell] = FEW if coarse[i, WALL_SHARE] > 0.0 else 0.0

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from orograph.arrays import Mask
-from orograph.layers import CONFIDENCE, MAPPED
+from orograph.layers import MAPPED
 from orograph.messages import Packed
 from orograph.register_kernels import moved_enough
-from orograph.registers import UNKNOWN, numbers
+from orograph.registers import UNKNOWN, has_evidence, numbers
 
 _MOVED = np.array([kind.moved for kind in MAPPED])
 
@@ -20,5 +20,4 @@ def moved(new: Packed, held: Packed) -> Mask:
     """
     here, there = numbers(new), numbers(held)
     far: Mask = moved_enough(here, there, _MOVED, UNKNOWN)
-    first: Mask = there[:, CONFIDENCE] == 0
-    return far | first
+    return far | ~has_evidence(held)

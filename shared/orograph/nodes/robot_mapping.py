@@ -33,6 +33,7 @@ from orograph.messages import (  # fmt: skip
 from orograph.node import Every, Note, Send
 from orograph.protocol.limits import LIMITS, Limits
 from orograph.protocol.robot import RobotSync
+from orograph.registers import has_evidence
 from orograph.rules import Rules
 from orograph.scene.site import Site
 from orograph.stages import Stage, untimed
@@ -164,7 +165,7 @@ class RobotMappingNode:
 
     def _copied_codes(self) -> Codes:
         cells = self._sync.copy.cells
-        return np.where(cells["confidence"] > 0, cells["occupation"], np.uint8(UNKNOWN_OCCUPATION))
+        return np.where(has_evidence(cells), cells["occupation"], np.uint8(UNKNOWN_OCCUPATION))
 
     def _local_map(self, stamp_ns: int) -> OccupancyGrid:
         grid = self._mapper.hrm_grid
@@ -206,7 +207,7 @@ class RobotMappingNode:
         updates = np.zeros(len(held), UPDATE)
         for name in UPDATE.names or ():
             updates[name] = held[name]
-        return updates[held["confidence"] > 0]
+        return updates[has_evidence(held)]
 
     def _hrm_artifacts(self) -> dict[str, npt.NDArray[Any]]:
         if self._initial_hrm is None:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from orograph.arrays import I64, Mask
 from orograph.layers import MAPPED_LAYERS, WIDTH
 from orograph.messages import CELL, REGISTER, UPDATE, Packed
-from orograph.protocol.fold_kernels import AGEING_STEPS, fold_cells
+from orograph.protocol.fold_kernels import AGEING_STEPS, fold_cells, fold_surfaces
 from orograph.registers import numbers, put_numbers
 from orograph.rules import Rules
 
@@ -47,7 +47,8 @@ def fold(prior: Packed, registers: Packed, rules: Rules) -> Packed:
     assert registers.ndim == 2 and registers.shape[1:] == prior.shape, (registers.shape, prior.shape)
     whole = np.empty((len(prior), WIDTH), np.int64)
     ticks = registers["tick"].astype(np.int64)
-    fold_cells(numbers(prior), numbers(registers), ticks, rules.whole(), AGEING, whole)
+    cells = fold_surfaces if rules.two_surfaces else fold_cells
+    cells(numbers(prior), numbers(registers), ticks, rules.whole(), AGEING, whole)
     out = np.zeros(prior.shape, CELL)
     out["cell"] = prior["cell"]
     put_numbers(out, whole)

@@ -10,12 +10,19 @@ from numba import njit
 from orograph.arrays import I64
 from orograph.layers import (
     CONFIDENCE,
+    CONFIDENCE_TOP,
+    FREE_SHARE,
     GRADIENT_X,
     GRADIENT_Y,
     HEIGHT,
+    HEIGHT_TOP,
     OCCUPATION,
+    OCCUPATION_ONE,
+    SHARE_ONE,
     UNKNOWN_GRADIENT,
+    UNKNOWN_HEIGHT,
     UNKNOWN_OCCUPATION,
+    WALL_SHARE,
 )
 
 Whole = Any
@@ -27,6 +34,14 @@ CONFIDENCE_MAX = 255 * ONE
 HIGH_DIFFERENCE = 2 * CONFIDENCE_MAX // 16
 """2/16 of 255, exact in 1/256."""
 HIGH_CONFIDENCE = 128 * ONE
+FREE = 6 * SHARE_ONE // 10
+RIM = SHARE_ONE // 10
+"""A cell of which more than 6/10 is free is no house; of the fine cells along a wall, a tenth, half is free."""
+SEEN = SHARE_ONE // 4
+"""A cell of which so much is free and that shows no wall is none either."""
+SURE = 64
+FEW_WALLS = 6 * SHARE_ONE // 100
+"""Up to so many walls bar a cell only where the prior knows of a house."""
 AGEING_STEPS = 256
 """Entries of the ageing table per half-life."""
 
@@ -81,7 +96,7 @@ def _order_by_tick(registers: I64, ticks: I64, i: Whole, order: I64) -> Whole:
     """Rows with evidence in column i, oldest first (rows already ascend by robot, the sort is stable); their number."""
     n = 0
     for k in range(registers.shape[0]):
-        if registers[k, i, CONFIDENCE] == 0:
+        if registers[k, i, CONFIDENCE] == 0 and registers[k, i, CONFIDENCE_TOP] == 0:
             continue
         j = n
         while j > 0 and ticks[order[j - 1], i] > ticks[k, i]:
@@ -133,3 +148,76 @@ def fold_cells(prior: I64, registers: I64, ticks: I64, rules: Any, ageing: I64, 
                 held[:] = new
                 confidence = weight
         held[CONFIDENCE] = (confidence + ONE // 2) // ONE
+
+
+@njit(cache=True)
+def _fuse_ground(held: I64, confidence: Whole, new: I64, weight: Whole, rules: Any) -> Whole:
+    """Section 3 on height and gradients of two contributions, into `held`; returns the confidence."""
+    if weight == 0:
+        return confidence
+    if confidence > 0 and _similar(held, new, rules):
+        held[HEIGHT] = _mean(held[HEIGHT], confidence, new[HEIGHT], weight)
+        for k in (GRADIENT_X, GRADIENT_Y):
+            held[k] = _mean_of_known(held[k], confidence, new[k], weight, UNKNOWN_GRADIENT)
+        return min(CONFIDENCE_MAX, confidence + weight)
+    if confidence == 0 or _newer_wins(confidence, weight, rules.printed):
+        held[HEIGHT], held[GRADIENT_X], held[GRADIENT_Y] = new[HEIGHT], new[GRADIENT_X], new[GRADIENT_Y]
+        return weight
+    return confidence
+
+
+@njit(cache=True)
+def fold_surfaces(prior: I64, registers: I64, ticks: I64, rules: Any, ageing: I64, out: I64) -> None:
+    """`fold_cells` for rules of two surfaces (mapping.md 7.2-3): each surface, and what bars the cell, on its own.
+
+    The contributions are fused first; of the prior's confidence in a surface there remains what it has more than they.
+    """
+    order = np.empty(registers.shape[0], np.int64)
+    for i in range(prior.shape[0]):
+        held, told = out[i], prior[i]
+        held[:] = told
+        ground: Whole = np.int64(0)
+        top: Whole = np.int64(0)
+        of_share: Whole = np.int64(0)
+        of_slope: Whole = np.int64(0)
+        barred, cleared = told[WALL_SHARE] > 0 and told[OCCUPATION] == OCCUPATION_ONE, False
+        n = _order_by_tick(registers, ticks, i, order)
+        newest_tick = ticks[order[n - 1], i] if n else 0
+        for j in range(n):
+            new = registers[order[j], i]
+            age_ms = newest_tick - ticks[order[j], i]
+            weight = _aged(new[CONFIDENCE] * ONE, age_ms, rules.half_life_ms, ageing)
+            top_weight = _aged(new[CONFIDENCE_TOP] * ONE, age_ms, rules.half_life_ms, ageing)
+            either = max(weight, top_weight)
+            if either == 0:
+                continue
+            ground = _fuse_ground(held, ground, new, weight, rules)
+            for k in (WALL_SHARE, FREE_SHARE):
+                held[k] = _mean(held[k], of_share, new[k], either)
+            of_share += either
+            walls, free = new[WALL_SHARE], new[FREE_SHARE]
+            open_ = 2 * free + min(walls, RIM) > 2 * FREE or (walls == 0 and free >= SEEN)
+            barred = not open_ and (barred or walls > FEW_WALLS or new[CONFIDENCE_TOP] >= SURE)
+            if not barred:
+                known = held[OCCUPATION] if of_slope > 0 else UNKNOWN_OCCUPATION
+                held[OCCUPATION] = _mean_of_known(known, of_slope, new[OCCUPATION], weight, UNKNOWN_OCCUPATION)
+                of_slope += weight
+            if open_ and walls == 0:
+                top, cleared = np.int64(0), True
+            elif top_weight > 0:
+                held[HEIGHT_TOP] = new[HEIGHT_TOP] if top == 0 else max(held[HEIGHT_TOP], new[HEIGHT_TOP])
+                top, cleared = min(CONFIDENCE_MAX, top + top_weight), False
+        left = told[CONFIDENCE] * ONE - ground
+        if left > 0:
+            ground = _fuse_ground(held, ground, told, left, rules)
+        left = 0 if cleared else told[CONFIDENCE_TOP] * ONE - top
+        if left > 0:
+            held[HEIGHT_TOP] = told[HEIGHT_TOP] if top == 0 else _mean(held[HEIGHT_TOP], top, told[HEIGHT_TOP], left)
+            top += left
+        if top == 0:
+            held[HEIGHT_TOP] = UNKNOWN_HEIGHT
+        if barred:
+            held[OCCUPATION] = OCCUPATION_ONE
+        elif held[OCCUPATION] == UNKNOWN_OCCUPATION and told[OCCUPATION] < OCCUPATION_ONE:
+            held[OCCUPATION] = told[OCCUPATION]
+        held[CONFIDENCE], held[CONFIDENCE_TOP] = (ground + ONE // 2) // ONE, (top + ONE // 2) // ONE

@@ -12,6 +12,7 @@ from orograph.messages import REGISTER, ROBOT_REGISTER, Packed
 from orograph.protocol.fold import fold, same_values, whole_prior
 from orograph.protocol.store import CONFIDENT as CONFIDENT_RECORD
 from orograph.protocol.store import StoredState
+from orograph.registers import has_evidence
 from orograph.rules import Rules
 
 
@@ -38,7 +39,7 @@ class Ledger:
         glrm = self.folded(np.arange(self._size), {})
         evidence = np.zeros(self._size, np.bool_)
         for row in self._rows.values():
-            evidence |= row["confidence"] > 0
+            evidence |= has_evidence(row)
         glrm["version"] = np.where(evidence, version, 0)
         return glrm
 
@@ -51,7 +52,7 @@ class Ledger:
     def row(self, robot: int) -> Packed:
         """A robot's registers (REGISTER), cells ascending; empty if it has none."""
         row: Packed = self._rows.get(robot, np.zeros(0, REGISTER))
-        with_evidence: Packed = row[row["confidence"] > 0]
+        with_evidence: Packed = row[has_evidence(row)]
         return with_evidence
 
     def news(self, robot: int, rows: Packed) -> Packed:

@@ -12,6 +12,7 @@ from orograph.arrays import I64
 from orograph.messages import REGISTER, UPDATE, Packed
 from orograph.protocol.fold import same_values
 from orograph.protocol.limits import Limits
+from orograph.registers import has_evidence
 
 ANSWER_WITHIN_NS = 1_000_000_000
 """A batch without its ack for so long counts as lost."""
@@ -102,7 +103,7 @@ class Outbox:
             name: np.abs(own[name].astype(np.int64) - acked[name]) for name in ("height", "occupation", "confidence")
         }
         scaled = moved["height"] + 4 * moved["occupation"] + 6 * moved["confidence"]
-        return np.where(acked["confidence"] == 0, np.iinfo(np.int64).max // 2, scaled)
+        return np.where(~has_evidence(acked), np.iinfo(np.int64).max // 2, scaled)
 
     def acknowledge(self, cells: npt.NDArray[Any], seqs: npt.NDArray[Any], epoch: int) -> int:
         """Clear the cells whose seq still matches, and say how many; the rest stays dirty."""
@@ -146,7 +147,7 @@ class Outbox:
         """
         held = np.zeros(len(self.own), REGISTER)
         held[row["cell"]] = row
-        mine, theirs = self.own["confidence"] > 0, held["confidence"] > 0
+        mine, theirs = has_evidence(self.own), has_evidence(held)
         takes = theirs if first_life else theirs & ~mine
         lost = _older(held, self.acked)
         for name in set(UPDATE.names or ()) - {"cell"}:

@@ -9,16 +9,20 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph.arrays import I64, U1
-from orograph.layers import MAPPED_LAYERS
+from orograph.layers import BASIC_LAYERS, MAPPED, MAPPED_LAYERS
 from orograph.messages import TILE_CELLS, Packed
 
 HASH_BYTES = 16
 
 
 def map_hash(cells: Packed) -> bytes:
-    """blake2b-128 over the canonical little-endian arrays of the mapped layers, in their order."""
+    """blake2b-128 over the canonical little-endian arrays of the mapped layers, in their order.
+
+    Where nothing is known of what stands, in no cell, its layers are left out: a map of one surface.
+    """
     digest = hashlib.blake2b(digest_size=HASH_BYTES)
-    for name in MAPPED_LAYERS:
+    stands = any(cells[kind.name].any() for kind in MAPPED if not kind.basic and kind.blank == 0)
+    for name in MAPPED_LAYERS if stands else BASIC_LAYERS:
         digest.update(np.ascontiguousarray(cells[name]).tobytes())
     return digest.digest()
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from orograph.layers import UNKNOWN_HEIGHT
 from orograph.messages import UPDATE, Batch, CellsRequest, Hello, Packed
+from orograph.registers import has_evidence
 
 HEIGHT_MAX_MM = 10_000_000
 FUTURE_MS = 1_000
@@ -20,10 +22,12 @@ def records_fault(records: Packed, size: int, now_ns: int) -> str | None:
         return "cell-range"
     if len(np.unique(records["cell"])) != len(records):
         return "duplicate-cell"
-    if (records["confidence"] == 0).any() or (records["seq"] == 0).any():
+    if (~has_evidence(records)).any() or (records["seq"] == 0).any():
         return "no-evidence"
-    if (np.abs(records["height"].astype(np.int64)) > HEIGHT_MAX_MM).any():
-        return "height-range"
+    for height, confidence in (("height", "confidence"), ("height_top", "confidence_top")):
+        known = (records[height] != UNKNOWN_HEIGHT) | (records[confidence] > 0)
+        if (np.abs(records[height][known].astype(np.int64)) > HEIGHT_MAX_MM).any():
+            return "height-range"
     if (records["tick"].astype(np.int64) > now_ns // 1_000_000 + FUTURE_MS).any():
         return "future-tick"
     return None

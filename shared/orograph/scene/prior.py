@@ -14,10 +14,11 @@ from shapely.affinity import translate
 
 from orograph.arrays import F64
 from orograph.grid import Grid
-from orograph.layers import MAPPED_LAYERS, Layer
+from orograph.layers import MAPPED, Layer
 from orograph.messages import Packed
 from orograph.randomness import stream
 from orograph.registers import pack
+from orograph.rules import Rules
 from orograph.scenario import GivenLayer, Scenario, TerrainSpec, Wave, places
 from orograph.scene.buildings import footprint_polygon
 from orograph.scene.terrain import ground_gradient, ground_height_m
@@ -94,7 +95,8 @@ def building_cover(footprints: Sequence[Polygon], grid: Grid) -> F64:
 def prior_records(scenario: Scenario) -> Packed:
     """One UPDATE per GLRM cell, in cell order, seq and tick 0.
 
-    A roof's gradients stay unknown: a flat roof must not look passable, so its occupation is 1 by decree.
+    Of one surface a roof's gradients stay unknown: a flat roof must not look passable, so its occupation is 1 by
+    decree. Of two the ground goes on below it, and the roof is the top.
     """
     grid, terrain = scenario.grid.grid, believed_terrain(scenario)
     if scenario.prior.confidence == 0:
@@ -102,23 +104,34 @@ def prior_records(scenario: Scenario) -> Packed:
     x, y = np.meshgrid(*grid.centres_m())
     gradient_x, gradient_y = ground_gradient(terrain, x, y)
     roof = building_cover(believed_buildings(scenario), grid) >= COVERED
-    height = ground_height_m(terrain, x, y) + np.where(roof, scenario.prior.building_height_m, 0.0)
+    ground_m = ground_height_m(terrain, x, y)
+    top_m = np.where(roof, ground_m + scenario.prior.building_height_m, np.nan)
     occupation = np.minimum(1.0, np.hypot(gradient_x, gradient_y) / scenario.robot.slope_max)
+    confidence = np.full(grid.shape, scenario.prior.confidence)
     layers = {
-        "height": height,
-        "gradient_x": np.where(roof, np.nan, gradient_x),
-        "gradient_y": np.where(roof, np.nan, gradient_y),
+        "height": ground_m,
+        "gradient_x": gradient_x,
+        "gradient_y": gradient_y,
         "occupation": np.where(roof, 1.0, occupation),
-        "confidence": np.full(grid.shape, scenario.prior.confidence),
+        "confidence": confidence,
     }
-    values = np.stack([layers[name].reshape(-1) for name in MAPPED_LAYERS], axis=1)
+    if Rules.of(scenario.rules).two_surfaces:
+        layers |= {
+            "height_top": top_m, "confidence_top": np.where(roof, confidence, 0),
+            "wall_share": np.where(roof, 1.0, 0.0), "free_share": np.where(roof, 0.0, 1.0),
+        }  # fmt: skip
+    else:
+        layers |= {
+            "height": np.where(roof, top_m, ground_m), "gradient_x": np.where(roof, np.nan, gradient_x),
+            "gradient_y": np.where(roof, np.nan, gradient_y),
+        }  # fmt: skip
+    blank = [np.full(grid.shape, kind.blank) for kind in MAPPED]
+    values = np.stack([layers.get(kind.name, b).reshape(-1) for kind, b in zip(MAPPED, blank, strict=True)], axis=1)
     return pack(np.arange(grid.size), 0, values.astype(np.float32))
 
 
 def _nothing(grid: Grid) -> Packed:
-    records = pack(np.arange(grid.size), 0, np.full((grid.size, len(MAPPED_LAYERS)), np.nan))
-    records["confidence"] = 0
-    return records
+    return pack(np.arange(grid.size), 0, np.tile([kind.blank for kind in MAPPED], (grid.size, 1)))
 
 
 def _given(layer: GivenLayer, grid: Grid) -> Layer:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from orograph import keys
 from orograph.arrays import I64
 from orograph.grid import Grid
-from orograph.layers import MAPPED_LAYERS, CellMap, Layer
+from orograph.layers import BASIC_LAYERS, MAPPED_LAYERS, CellMap, Layer
 from orograph.scenario import Scenario
 from orograph.storage import run_folder
 from orograph.storage.results import RunInfo
@@ -84,15 +84,14 @@ class RunParts:
     def hrm(self, robot: str) -> CellMap | None:
         """A robot's last HRM (evidence over the prior), None where it left none."""
         arrays = self.of(keys.MAPPING, robot)
-        if any(f"hrm_{name}" not in arrays for name in MAPPED_LAYERS):
+        if any(f"hrm_{name}" not in arrays for name in BASIC_LAYERS):
             return None
         height = arrays["hrm_height"]
         x0, y0 = (float(v) for v in arrays["hrm_origin_m"])
         shape = (int(height.shape[0]), int(height.shape[1]))
-        out = CellMap.unknown(Grid((x0, y0), float(arrays["hrm_cell_m"]), shape))
-        for name in MAPPED_LAYERS:
-            getattr(out, name)[...] = arrays[f"hrm_{name}"]
-        return out
+        blank = CellMap.unknown(Grid((x0, y0), float(arrays["hrm_cell_m"]), shape))
+        mapped = {name: arrays[f"hrm_{name}"].astype(np.float32) for name in MAPPED_LAYERS if f"hrm_{name}" in arrays}
+        return CellMap(blank.grid, {**blank.by_name, **mapped})
 
     def hrms(self) -> Iterator[tuple[str, CellMap]]:
         """Pairs (robot, HRM) of those that left one."""

@@ -19,6 +19,7 @@ from orograph.messages import (
     FRAGMENT_MAX_BYTES,
     KINDS,
     MESSAGE_MAX_BYTES,
+    SCHEMA_VERSION,
     UPDATE,
     Batch,
     Drive,
@@ -128,7 +129,7 @@ def test_noise_is_rejected(kind: str, noise: bytes) -> None:
 def test_each_bound_is_named(change: dict[str, object], reason: str) -> None:
     body = {"stamp_ns": 1, "v_mps": 1.0, "yaw_rate_radps": 0.0, **change}
     with pytest.raises(Rejected) as caught:
-        wire.decode(Drive, msgpack.packb([1, body]))
+        wire.decode(Drive, msgpack.packb([SCHEMA_VERSION, body]))
     assert caught.value.reason == reason
 
 
@@ -172,7 +173,7 @@ def test_every_bound_of_every_field_holds_at_both_ends(cls: type, name: str) -> 
         if isinstance(plain, int) and abs(plain) >= 2**63:
             continue  # no number of msgpack's
         with pytest.raises(Rejected, match=name):
-            wire.decode(cls, msgpack.packb([1, {**pack(whole), name: plain}]))
+            wire.decode(cls, msgpack.packb([SCHEMA_VERSION, {**pack(whole), name: plain}]))
         if not isinstance(plain, list | dict):
             with pytest.raises(AssertionError, match=f"{cls.__name__}: .*{name}"):
                 wire.encode(dataclasses.replace(whole, **{name: plain}))
@@ -244,7 +245,7 @@ def test_what_a_program_gets_wrong_is_named() -> None:
 
 
 def test_a_whole_number_is_a_number_too() -> None:
-    drive = wire.decode(Drive, msgpack.packb([1, {"stamp_ns": 1, "v_mps": 1, "yaw_rate_radps": 0}]))
+    drive = wire.decode(Drive, msgpack.packb([SCHEMA_VERSION, {"stamp_ns": 1, "v_mps": 1, "yaw_rate_radps": 0}]))
     assert (drive.v_mps, type(drive.v_mps)) == (1.0, float)
 
 
@@ -259,14 +260,14 @@ def test_a_reading_beyond_its_scale_is_the_scales_end_and_no_number_stays_none()
 
 def test_another_schema_version_is_rejected() -> None:
     with pytest.raises(Rejected, match="schema"):
-        wire.decode(Drive, msgpack.packb([2, {"stamp_ns": 1, "v_mps": 1.0, "yaw_rate_radps": 0.0}]))
+        wire.decode(Drive, msgpack.packb([SCHEMA_VERSION + 1, {"stamp_ns": 1, "v_mps": 1.0, "yaw_rate_radps": 0.0}]))
 
 
 def test_an_array_longer_than_its_bound_is_rejected() -> None:
     too_many = np.zeros(257, UPDATE)
     body = {"epoch": 1, "records": [[257], too_many.tobytes()]}
     with pytest.raises(Rejected, match="shape"):
-        wire.decode(Batch, msgpack.packb([1, body]))
+        wire.decode(Batch, msgpack.packb([SCHEMA_VERSION, body]))
     assert len(wire.decode(Batch, wire.encode(Batch(1, too_many[:256]))).records) == 256
 
 

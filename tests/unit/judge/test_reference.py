@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from orograph.judge import reference
 from orograph.judge.reference import Reference
-from orograph.layers import CONFIDENT, MAPPED_LAYERS
+from orograph.layers import BASIC_LAYERS, CONFIDENT
 from orograph.scenario import RadioSpec, Scenario
 from orograph.scene import build_scene
 from orograph.sensing.truth import top_surface
@@ -108,6 +108,6 @@ def test_a_window_of_the_reference_is_cut_at_the_right_place(built: Reference) -
     window = whole.grid.window(-3, 7, (20, 30))
     cut = built.hrm_over(window)
     assert not cut.known[:3].any()
-    for name in MAPPED_LAYERS:
+    for name in BASIC_LAYERS:
         np.testing.assert_array_equal(getattr(cut, name)[3:], getattr(whole, name)[:17, 7:37])
     assert not built.hrm_over(whole.grid.window(5_000, 0, (4, 4))).known.any()

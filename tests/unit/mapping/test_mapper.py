@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_up.cells import wide
 from oracles import mapping_oracle as oracle
 from orograph.geometry import ray_directions, rotation
 from orograph.grid import Grid
-from orograph.layers import MAPPED_LAYERS, OCCUPATION_ONE, UNKNOWN_OCCUPATION, CellMap
+from orograph.layers import BASIC_LAYERS, OCCUPATION_ONE, UNKNOWN_OCCUPATION, CellMap
 from orograph.mapping import RobotMapper, fuse, reconstruct, rescale
 from orograph.mapping.cells import map_of, values_of
 from orograph.mapping.rescaling import expand
@@ -224,7 +225,7 @@ def test_a_row_of_this_life_fills_gaps_only():
     robot = mapper()
     see(robot, patch(11.25, 12.5))
     own = robot.registers()
-    row = pack(np.array([16, 17, 40]), 7, np.array([[3, 0, 0, 0, 40], [4, 0, np.nan, np.nan, 1], [5, 0, 0, 1, 255]]))
+    row = pack(np.array([16, 17, 40]), 7, wide([[3, 0, 0, 0, 40], [4, 0, np.nan, np.nan, 1], [5, 0, 0, 1, 255]]))
     robot.adopt(rows(row), fuse=False)
     registers = robot.registers()
     np.testing.assert_array_equal(registers[:1], own)
@@ -236,7 +237,7 @@ def test_a_row_of_this_life_fills_gaps_only():
 def test_a_row_adopted_before_the_first_scan_comes_back_unchanged(fused):
     rng = np.random.default_rng(11)
     cells = np.arange(42)
-    values = rng.uniform([-9, -3, -3, 0, 1], [900, 3, 3, 1, 255], (42, 5)).astype(np.float32)
+    values = wide(rng.uniform([-9, -3, -3, 0, 1], [900, 3, 3, 1, 255], (42, 5)))
     row = pack(cells, rng.integers(0, 9000, 42), values)
     robot = mapper()
     robot.adopt(rows(row), fuse=fused)
@@ -252,7 +253,7 @@ def prior_map(rng: np.random.Generator) -> CellMap:
     )
     values[::5, 1:4] = np.nan
     values[::7] = np.nan, np.nan, np.nan, np.nan, 0.0
-    return map_of(values.astype(np.float32), GLRM)
+    return map_of(wide(values), GLRM)
 
 
 @pytest.mark.parametrize("at", [(12.0, 12.0), (1.0, 29.0)])
@@ -266,10 +267,10 @@ def test_the_hrm_is_the_evidence_over_the_prior_under_it(at):
         block = row0 + row // 4, col0 + col // 4
         inside = 0 <= block[0] < 6 and 0 <= block[1] < 7
         under = tuple(
-            float(getattr(prior, n)[block]) if inside else (np.nan if n != "confidence" else 0.0) for n in MAPPED_LAYERS
+            float(getattr(prior, n)[block]) if inside else (np.nan if n != "confidence" else 0.0) for n in BASIC_LAYERS
         )
-        own = tuple(float(getattr(evidence, n)[row, col]) for n in MAPPED_LAYERS)
-        found = [getattr(hrm, n)[row, col] for n in MAPPED_LAYERS]
+        own = tuple(float(getattr(evidence, n)[row, col]) for n in BASIC_LAYERS)
+        found = [getattr(hrm, n)[row, col] for n in BASIC_LAYERS]
         np.testing.assert_allclose(found, oracle.fuse(under, own, oracle.Rules(60.0, 1.0)), rtol=1e-5, atol=1e-6)
 
 
@@ -380,7 +381,7 @@ def test_a_whole_run_equals_the_oracle(steps, blocks, paper):
     assert {divmod(int(c), 7) for c in registers["cell"]} == set(slow.coarse)
     for record in registers:
         cell, newest = slow.coarse[divmod(int(record["cell"]), 7)]
-        wanted = pack(record["cell"][None], newest, np.array([cell]))[0]
+        wanted = pack(record["cell"][None], newest, wide([cell]))[0]
         assert record["tick"] == newest
         for name in ("height", "gradient_x", "gradient_y", "occupation", "confidence"):
             assert abs(int(record[name]) - int(wanted[name])) <= 1, (name, record, wanted)

@@ -6,11 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles import mapping_oracle as oracle
 from orograph.grid import Grid
-from orograph.layers import MAPPED_LAYERS, CellMap
+from orograph.layers import BASIC_LAYERS, CellMap
 from orograph.mapping import reconstruct
+from orograph.mapping.cells import unknown_values
 from orograph.mapping.reconstruction import Reconstructor
+from orograph.rules import PAPER
 
 GRID = Grid((10.0, -5.0), 0.5, (8, 12))
+NOTHING = unknown_values(0), np.zeros(0, np.bool_)
+"""What is held and raised; rules of one surface ask neither."""
 CORNERS = np.array([[0.1, 0.1], [0.4, 0.1], [0.1, 0.4], [0.4, 0.4]])
 
 
@@ -27,11 +31,11 @@ def in_cell(row: int, col: int, z_m, places=CORNERS) -> np.ndarray:
 
 def assert_cells(found: CellMap, expected: oracle.Cells, rtol: float = 2e-6, atol: float = 2e-6) -> None:
     """Sums in another order and float32 storage (6e-8) are all that may differ; thin planes magnify that."""
-    wanted = np.full((len(MAPPED_LAYERS), *found.grid.shape), np.nan, np.float32)
+    wanted = np.full((len(BASIC_LAYERS), *found.grid.shape), np.nan, np.float32)
     wanted[-1] = 0.0
     for place, cell in expected.items():
         wanted[(slice(None), *place)] = cell
-    for name, layer in zip(MAPPED_LAYERS, wanted, strict=True):
+    for name, layer in zip(BASIC_LAYERS, wanted, strict=True):
         np.testing.assert_allclose(getattr(found, name), layer, rtol=rtol, atol=atol, err_msg=name)
 
 
@@ -70,8 +74,8 @@ def test_confidence_counts_each_hit_sub_cell_once_and_reaches_255():
 
 def test_a_point_on_a_shared_edge_belongs_above_and_right_and_the_outer_edge_is_outside():
     points = np.array([[10.0, -5.0, 1.0], [10.5, -4.5, 2.0], [16.0, -4.9, 3.0], [10.1, -1.0, 4.0], [9.9999, -5.0, 5.0]])
-    maker = Reconstructor(GRID.size, 80.0)
-    cells, values = maker.aux(points, np.ones(5), GRID)
+    maker = Reconstructor(GRID.size, 80.0, PAPER.real(0.3))
+    cells, values, _ = maker.aux(points, np.ones(5), GRID, *NOTHING)
     assert cells.tolist() == [0, 13]
     assert values[:, 0].tolist() == [1.0, 2.0]
     assert maker.dropped.tolist() == [0, 0, 3]
@@ -88,8 +92,8 @@ def test_what_is_not_finite_or_beyond_range_is_dropped_and_counted():
     points[0, 2], points[1, 0], points[2, 1], ranges_m[3] = np.nan, np.inf, -np.inf, np.nan
     ranges_m[4] = np.nextafter(80.0, 81.0)
     points[5, 0] = 1e300
-    maker = Reconstructor(GRID.size, 80.0)
-    cells, _ = maker.aux(points, ranges_m, GRID)
+    maker = Reconstructor(GRID.size, 80.0, PAPER.real(0.3))
+    cells, _, _ = maker.aux(points, ranges_m, GRID, *NOTHING)
     assert cells.tolist() == [0]
     assert maker.dropped.tolist() == [4, 1, 1]
     assert not reconstruct(points[:6], ranges_m[:6], GRID, 80.0).known.any()
@@ -129,9 +133,9 @@ def test_two_points_and_points_in_a_line_carry_no_plane():
 
 def test_no_points_make_an_empty_map_and_a_workspace_forgets_the_last_scan():
     assert reconstruct(np.zeros((0, 3)), np.zeros(0), GRID, 80.0).equals(CellMap.unknown(GRID))
-    maker = Reconstructor(GRID.size, 80.0)
+    maker = Reconstructor(GRID.size, 80.0, PAPER.real(0.3))
     for z_m in (1.0, 2.0, 3.0):
-        cells, values = maker.aux(in_cell(2, 3, z_m), np.ones(4), GRID)
+        cells, values, _ = maker.aux(in_cell(2, 3, z_m), np.ones(4), GRID, *NOTHING)
         assert cells.tolist() == [2 * GRID.cols + 3] and values[0, 0] == z_m
 
 
@@ -154,6 +158,6 @@ def test_equals_the_oracle(points, origin, single):
     grid = Grid(origin, 0.5, (8, 8))
     expected, dropped = oracle.reconstruct(xyz, ranges_m, origin, 0.5, grid.shape, 80.0)
     assert_cells(reconstruct(xyz, ranges_m, grid, 80.0), expected, rtol=1e-5, atol=1e-5)
-    maker = Reconstructor(grid.size, 80.0)
-    maker.aux(xyz, ranges_m, grid)
+    maker = Reconstructor(grid.size, 80.0, PAPER.real(0.3))
+    maker.aux(xyz, ranges_m, grid, *NOTHING)
     assert maker.dropped.tolist() == dropped

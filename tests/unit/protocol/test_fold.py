@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracles.fold_oracle import ageing, fold_cell
-from orograph.layers import MAPPED_LAYERS, UNKNOWN_GRADIENT, UNKNOWN_OCCUPATION
+from orograph.layers import BASIC_LAYERS, UNKNOWN_GRADIENT, UNKNOWN_OCCUPATION
 from orograph.messages import REGISTER, ROBOT_REGISTER, UPDATE
 from orograph.protocol.fold import AGEING, fold, fold_registers
 from orograph.rules import DEFAULT, PAPER, Rules
@@ -38,7 +38,7 @@ def one(prior: Cell, *registers: Cell, rules: Rules = DEFAULT) -> tuple[int, ...
         for name, value in vars(register).items():
             rows[name][line] = value
     out = fold(base, rows, rules)
-    return tuple(int(out[name][0]) for name in MAPPED_LAYERS)
+    return tuple(int(out[name][0]) for name in BASIC_LAYERS)
 
 
 def test_no_register_leaves_the_prior():

@@ -1,0 +1,161 @@
+"""Compiled: which rays of a scan pass through what stands in the map (mapping.md 7.4).
+
+Rays are sorted by the direction in which they leave, so that a cell looks at the few that can have crossed it. The
+direction is not an angle but y / (|x| + |y|) and its like in the other quadrants, which every host computes alike.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from orograph.layers import FREE_SHARE, WALL_SHARE
+
+BINS = 2048
+"""Directions told apart, 512 a quadrant: a third of a degree where they are widest."""
+PER_UNIT = BINS / 4.0
+BESIDE = 0.3
+"""A ray crosses a cell when it passes its centre within so many cell sides."""
+BEYOND = 1.0
+"""... and ends at least so many cell sides behind its centre."""
+NEAREST = 2.0
+"""Nearer to the eye, in cell sides, nothing is judged."""
+LEVEL = 0.01
+"""A ray that rises by less passes no higher than the eye, or little."""
+STEEP = 2.0
+"""Rising by so much per metre is no ground."""
+SIDE_BY_SIDE = 0.1
+"""Rays that rise by no more than this apart see the same thing, if they see things at one distance."""
+BEHIND = 0.1
+"""Behind something that stands ground may rise by so much per metre: what is higher is rather its roof."""
+NOISE_M = 0.05
+"""Points less than this above each other are noise, not steepness."""
+
+
+@njit(cache=True, error_model="numpy")
+def direction(x: float, y: float) -> float:
+    """0..4, growing counter-clockwise from east; NaN straight up and down."""
+    share = y / (abs(x) + abs(y))
+    if x >= 0.0:
+        return share if y >= 0.0 else share + 4.0
+    return 2.0 - share
+
+
+@njit(cache=True, error_model="numpy")
+def sort_rays(xyz: Any, eye_m: Any, first: Any, order: Any, reach_m: Any, rise: Any, low_m: Any) -> None:
+    """Rays by direction, and within one from the lowest up: bin b holds places `first[b]` to `first[b + 1]`.
+
+    At a place stand the point's number in xyz (3, n), its horizontal reach [m] and its rise [m/m]. `low_m` (BINS,) is
+    the longest reach of each bin's rays that do not rise. Points that are not finite belong to no bin.
+    """
+    n = xyz.shape[1]
+    bins = np.empty(n, np.int32)
+    first[:] = 0
+    low_m[:] = 0.0
+    for i in range(n):
+        turn = direction(xyz[0, i] - eye_m[0], xyz[1, i] - eye_m[1])
+        bins[i] = np.int32(turn * PER_UNIT) & (BINS - 1) if abs(turn) <= 4.0 and abs(xyz[2, i]) < math.inf else -1
+        if bins[i] >= 0:
+            first[bins[i] + 1] += 1
+    for b in range(BINS):
+        first[b + 1] += first[b]
+    end = first[:BINS].copy()
+    for i in range(n):
+        b = bins[i]
+        if b < 0:
+            continue
+        x, y = xyz[0, i] - eye_m[0], xyz[1, i] - eye_m[1]
+        flat_m = math.sqrt(x * x + y * y)
+        up = (xyz[2, i] - eye_m[2]) / flat_m
+        k = end[b]
+        while k > first[b] and rise[k - 1] > up:
+            order[k], reach_m[k], rise[k] = order[k - 1], reach_m[k - 1], rise[k - 1]
+            k -= 1
+        order[k], reach_m[k], rise[k] = i, flat_m, up
+        end[b] += 1
+        if up <= LEVEL:
+            low_m[b] = max(low_m[b], flat_m)
+
+
+@njit(cache=True)
+def find_raised(
+    zs: Any, eye_z_m: float, steepest: float, first: Any, order: Any, reach_m: Any, rise: Any, raised: Any
+) -> None:
+    """Mark in `raised` (n,) the points that cannot be ground, direction by direction.
+
+    They lie one above the other on something steep, or higher than a slope of `steepest` leads from the last ground.
+    """
+    raised[:] = False
+    for b in range(BINS):
+        begin, end = first[b], first[b + 1]
+        for k in range(begin + 1, end):
+            low, high = order[k - 1], order[k]
+            up_m = zs[high] - zs[low]
+            near = rise[k] - rise[k - 1] <= SIDE_BY_SIDE
+            if near and up_m > NOISE_M and up_m > STEEP * abs(reach_m[k] - reach_m[k - 1]):
+                raised[low] = raised[high] = True
+        ground_m, ground_z_m, slope = 0.0, eye_z_m, steepest
+        for k in range(begin, end):
+            z = zs[order[k]]
+            if z - ground_z_m > slope * abs(reach_m[k] - ground_m) + NOISE_M:
+                raised[order[k]] = True
+            if raised[order[k]]:
+                slope = BEHIND
+            else:
+                ground_m, ground_z_m = reach_m[k], z
+
+
+@njit(cache=True, error_model="numpy")
+def bins_across(x: float, y: float, cell_m: float) -> Any:
+    """The first and the last bin of the rays that pass a cell's centre (x, y) [m, from the eye] near enough."""
+    across = abs(x) + abs(y)
+    half = BESIDE * cell_m * math.sqrt(x * x + y * y) / (across * across)  # of a direction's unit, seen from here
+    turn = direction(x, y)
+    return math.floor((turn - half) * PER_UNIT), math.floor((turn + half) * PER_UNIT)
+
+
+@njit(cache=True, error_model="numpy")
+def count_passes(
+    cells: Any, tops_m: Any, cols: int, x0: float, y0: float, cell_m: float, eye_m: Any, first: Any, reach_m: Any,
+    rise: Any, passes: Any,
+) -> None:  # fmt: skip
+    """How many sorted rays cross each of `cells` (k,) below its top (k,) [m] and go on: into `passes` (k,)."""
+    for i in range(cells.shape[0]):
+        row = cells[i] // cols
+        x = x0 + (cells[i] - row * cols + 0.5) * cell_m - eye_m[0]
+        y = y0 + (row + 0.5) * cell_m - eye_m[1]
+        away_m = math.sqrt(x * x + y * y)
+        passes[i] = 0
+        if away_m < NEAREST * cell_m:
+            continue
+        begin, end = bins_across(x, y, cell_m)
+        for k in range(begin, end + 1):
+            b = k & (BINS - 1)
+            for ray in range(first[b], first[b + 1]):
+                if eye_m[2] + rise[ray] * away_m >= tops_m[i]:
+                    break
+                passes[i] += reach_m[ray] >= away_m + BEYOND * cell_m
+
+
+@njit(cache=True, error_model="numpy")
+def free_unseen(
+    values: Any, blocks: Any, block_cols: int, factor: int, x0: float, y0: float, cell_m: float, eye_m: Any, low_m: Any
+) -> None:
+    """Fine cells of `blocks` (k,) of which nothing is known are free where a ray that does not rise goes on behind."""
+    cols = block_cols * factor
+    for i in range(blocks.shape[0]):
+        first = (blocks[i] // block_cols) * factor * cols + (blocks[i] % block_cols) * factor
+        for r in range(factor):
+            for cell in range(first + r * cols, first + r * cols + factor):
+                own = values[cell]
+                if own[FREE_SHARE] > 0.0 or own[WALL_SHARE] > 0.0:
+                    continue
+                row = cell // cols
+                x = x0 + (cell - row * cols + 0.5) * cell_m - eye_m[0]
+                y = y0 + (row + 0.5) * cell_m - eye_m[1]
+                far_m = math.sqrt(x * x + y * y) + BEYOND * cell_m
+                if low_m[np.int32(direction(x, y) * PER_UNIT) & (BINS - 1)] >= far_m:
+                    own[FREE_SHARE] = 1.0

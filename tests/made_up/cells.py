@@ -1,0 +1,18 @@
+"""Cells of one surface, (height, gradient_x, gradient_y, occupation, confidence), as the kernels hold them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+from orograph.layers import BASIC_LAYERS
+from orograph.mapping.cells import unknown_values
+
+BASIC = len(BASIC_LAYERS)
+
+
+def wide(cells: ArrayLike) -> np.ndarray:
+    """Values (n, WIDTH) of cells (n, 5); nothing stands in them."""
+    basic = np.asarray(cells, np.float32).reshape(-1, BASIC)
+    values = unknown_values(len(basic))
+    values[:, :BASIC] = basic
+    return values

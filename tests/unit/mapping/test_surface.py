@@ -1,0 +1,214 @@
+"""The rule set `surface` on a robot: two surfaces, what stands, seeing through, and what planning is told."""
+
+from collections import defaultdict
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from oracles.mapping_oracle import distance_factor
+from oracles.surface_oracle import parted
+from orograph.grid import Grid
+from orograph.layers import CONFIDENCE, CONFIDENCE_TOP, FREE_SHARE, HEIGHT, HEIGHT_TOP, KINDS, OCCUPATION, WALL_SHARE
+from orograph.mapping import RobotMapper
+from orograph.mapping.cells import unknown_values
+from orograph.mapping.reconstruction import Reconstructor
+from orograph.mapping.rescaling_kernels import rescale_block
+from orograph.mapping.seeing import Rays
+from orograph.mapping.surface_kernels import FLAT, NEITHER, STEP
+from orograph.registers import pack
+from orograph.rules import DEFAULT, SURFACE
+
+GLRM = Grid((0.0, 0.0), 5.0, (8, 8))
+EYE = (20.0, 20.0, 0.9)
+BARRED, UNKNOWN = 254, 255
+
+
+def mapper(rules=SURFACE) -> RobotMapper:
+    return RobotMapper(GLRM, 80, 10, rules, 80.0)
+
+
+def disc(reach_m: float = 14.0) -> np.ndarray:
+    """Flat ground round the eye, dense enough for every cell."""
+    x, y = np.meshgrid(np.arange(6.05, 34, 0.1), np.arange(6.05, 34, 0.1))
+    near = np.hypot(x - EYE[0], y - EYE[1]) < reach_m
+    return np.column_stack([x[near], y[near], np.zeros(near.sum())])
+
+
+def wall(x: float, top_m: float) -> np.ndarray:
+    """A face towards the eye, 4 m wide."""
+    y, z = np.meshgrid(np.arange(18.05, 22, 0.1), np.arange(0.05, top_m, 0.1))
+    return np.column_stack([np.full(y.size, x), y.ravel(), z.ravel()])
+
+
+def before(points: np.ndarray, x: float) -> np.ndarray:
+    """What of the ground a wall at x hides is not seen."""
+    return points[~((points[:, 0] > x) & (np.abs(points[:, 1] - 20) < 0.15 * (points[:, 0] - 6)))]
+
+
+def see(robot: RobotMapper, points: np.ndarray, k: int, eye=EYE) -> None:
+    ranges_m = np.hypot(points[:, 0] - EYE[0], points[:, 1] - EYE[1]).clip(0.5)
+    robot.step(points, ranges_m, eye, k * 400_000_000)
+
+
+def at(robot: RobotMapper, x: float, y: float, name: str) -> float:
+    layer = robot.evidence.by_name.get(name)
+    return KINDS[name].blank if layer is None else float(layer[robot.hrm_grid.row_col(x, y)])
+
+
+def test_a_wall_has_a_top_and_no_ground_and_bars_its_cell():
+    robot = mapper()
+    see(robot, np.vstack([before(disc(), 26.2), wall(26.2, 3.0)]), 0)
+    assert at(robot, 26.2, 20.2, "height_top") == pytest.approx(2.95, abs=0.15)
+    assert at(robot, 26.2, 20.2, "confidence_top") > 200
+    assert (at(robot, 26.2, 20.2, "wall_share"), at(robot, 26.2, 20.2, "occupation")) == (1.0, 1.0)
+    assert (at(robot, 26.2, 20.2, "confidence"), at(robot, 25.7, 20.2, "occupation")) == (0.0, 0.0)
+    assert at(robot, 25.7, 20.2, "height") == 0.0, "the street before it stays flat"
+
+
+def test_what_hangs_over_is_neither_ground_nor_obstacle():
+    robot = mapper()
+    bridge = wall(26.2, 0.2) + np.array([0, 0, 4.0])
+    see(robot, disc(), 0)
+    see(robot, np.vstack([disc(), bridge]), 1)
+    assert (at(robot, 26.2, 20.2, "occupation"), at(robot, 26.2, 20.2, "height")) == (0.0, 0.0)
+    assert at(robot, 26.2, 20.2, "free_share") == 1.0
+
+
+def test_two_rings_on_a_far_wall_are_no_ground():
+    robot = mapper()
+    ring = wall(33.0, 0.25) + np.array([0, 0, 2.4])
+    see(robot, np.vstack([disc(8.0), ring]), 0)
+    assert at(robot, 33.0, 20.2, "confidence") == 0.0
+    assert at(robot, 33.0, 20.2, "height_top") == pytest.approx(2.5, abs=0.11)
+
+
+@pytest.mark.parametrize(("eye", "cleared"), [(EYE, True), (EYE[:2], False)])
+def test_rays_that_pass_clear_what_has_gone_if_the_eye_is_known(eye, cleared):
+    """Nothing is hit in the wall's cells any more: only what is seen behind tells."""
+    robot, wide = mapper(), np.vstack([before(disc(), 26.2), wall(26.2, 3.0)])
+    behind = before(wall(33.0, 3.0), 40)
+    for k in range(4):
+        see(robot, wide, k, eye)
+    assert at(robot, 26.2, 20.2, "occupation") == 1.0
+    for k in range(4, 10):
+        see(robot, np.vstack([before(disc(), 25.7), behind]), k, eye)
+    assert (at(robot, 26.2, 20.2, "wall_share") == 0.0) == cleared
+    assert (at(robot, 26.2, 20.2, "confidence_top") == 0.0) == cleared
+
+
+def test_planning_sees_at_once_what_long_was_free_and_forgets_it_when_it_left():
+    robot, told = mapper(), np.zeros(GLRM.size, np.uint8)
+    prior = unknown_values(GLRM.size)
+
+    def code() -> int:
+        return int(robot.planning_occupation(prior, told)[robot.hrm_grid.row_col(26.2, 20.2)])
+
+    for k in range(8):
+        see(robot, disc(), k)
+    assert code() == 0
+    see(robot, np.vstack([before(disc(), 26.2), wall(26.2, 1.5)]), 8)
+    assert code() == BARRED and at(robot, 26.2, 20.2, "wall_share") == 0.0, "the slow map waits"
+    for k in range(9, 12):
+        see(robot, disc(), k)
+    assert code() == 0
+
+
+def test_a_block_says_what_of_it_stands_and_what_is_free():
+    fine = unknown_values(100)
+    fine[:, [HEIGHT, CONFIDENCE, OCCUPATION, FREE_SHARE]] = 2.0, 100.0, 0.25, 1.0
+    fine[:10] = unknown_values(10)
+    fine[:10, [HEIGHT_TOP, CONFIDENCE_TOP, WALL_SHARE, OCCUPATION]] = 7.0, 90.0, 1.0, 1.0
+    fine[3, HEIGHT_TOP] = 8.5
+    coarse = unknown_values(1)[0]
+    rescale_block(fine, np.zeros(100, np.uint32), 10, 10, 0, coarse)
+    assert coarse[[HEIGHT, HEIGHT_TOP, CONFIDENCE_TOP]].tolist() == [2.0, 8.5, 90.0]
+    assert coarse[[CONFIDENCE, WALL_SHARE, FREE_SHARE, OCCUPATION]] == pytest.approx([90.0, 0.1, 0.9, 0.25])
+    fine[50:] = unknown_values(50)
+    rescale_block(fine, np.zeros(100, np.uint32), 10, 10, 0, coarse)
+    assert coarse[OCCUPATION] == 1.0, "40 of 100 free, and a wall: a house"
+
+
+def test_a_row_comes_back_unchanged_and_its_walls_wait_for_a_first_look():
+    rng, robot = np.random.default_rng(3), mapper()
+    values = rng.uniform([-9, -1, -1, 0, 1, 1, 1, 0.1, 0.1], [9, 1, 1, 1, 255, 20, 255, 0.5, 0.5], (64, 9))
+    row = pack(np.arange(64), rng.integers(0, 9000, 64), values.astype(np.float32))
+    robot.adopt(row, fuse=True)
+    np.testing.assert_array_equal(robot.registers(), row)
+    for eye in ((12.0, 12.0, 1.0), (30.0, 25.0, 1.0)):
+        robot.step(np.zeros((0, 3)), np.zeros(0), eye, 10_000_000_000)
+        np.testing.assert_array_equal(robot.registers(), row)
+
+
+def test_rules_of_one_surface_know_nothing_of_what_stands():
+    robot = mapper(DEFAULT)
+    see(robot, np.vstack([disc(), wall(26.2, 3.0)]), 0)
+    assert set(robot.evidence.by_name) & {"height_top", "wall_share", "free_share"} == set()
+
+
+GRID = Grid((0.0, 0.0), 0.5, (6, 6))
+point = st.tuples(st.floats(0, 2.999), st.floats(0, 2.999), st.sampled_from([0.0, 0.1, 0.25, 0.35, 1.2, 1.7, 3.0, 6.0]),
+                  st.booleans())  # fmt: skip
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(point, min_size=1, max_size=60), st.floats(1, 75), st.booleans())
+def test_a_scan_is_parted_as_the_oracle_parts_it(points, distance_m, sure):
+    xyz, raised = np.array([p[:3] for p in points]), np.array([p[3] for p in points])
+    held = unknown_values(GRID.size)
+    held[:, [HEIGHT, CONFIDENCE]] = -0.4, 64.0 if sure else 16.0
+    maker = Reconstructor(GRID.size, 80.0, SURFACE.real(0.3))
+    cells, values, kinds = maker.aux(xyz, np.full(len(xyz), distance_m), GRID, held, raised)
+    inside = defaultdict(list)
+    for i, (x, y, _) in enumerate(xyz.tolist()):
+        inside[int(y // 0.5) * 6 + int(x // 0.5)].append(i)
+    assert sorted(cells.tolist()) == sorted(inside)
+    f = distance_factor(np.float64(distance_m), 80.0)
+    for cell, value, kind in zip(cells.tolist(), values, kinds.tolist(), strict=True):
+        its = inside[cell]
+        ground = np.float64(np.float32(-0.4)) if sure else None
+        wanted = parted(xyz[its, 2], [f] * len(its), raised[its], ground, 0.3, 1.5)
+        assert {FLAT: "flat", STEP: "step", NEITHER: "neither"}[kind] == wanted[0]
+        for found, want in ((value[HEIGHT], wanted[1]), (value[HEIGHT_TOP], wanted[2])):
+            assert np.isnan(found) if want is None else found == pytest.approx(want, abs=1e-6)
+        assert value[CONFIDENCE_TOP] == pytest.approx(wanted[3], rel=1e-5)
+        assert (value[CONFIDENCE] > 0) == (wanted[1] is not None)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**31))
+def test_the_rays_through_a_cell_are_those_of_plain_geometry(seed):
+    """Sure of what passes near the centre and of what passes wide; in between a direction's width decides."""
+    rng = np.random.default_rng(seed)
+    eye, n = np.array([1.0, 2.0, 1.0]), 400
+    points = eye + rng.uniform(-20, 20, (n, 3)) * [1, 1, 0.1]
+    rays, grid = Rays(), Grid((-20.0, -20.0), 0.5, (80, 80))
+    rays.sort(np.ascontiguousarray(points.T), eye, 0.6)
+    cells = rng.integers(0, grid.size, 30)
+    passes = rays.passes(eye, grid, cells, np.full(30, 1.1, np.float32))
+    centres = np.column_stack([(cells % 80 + 0.5) * 0.5 - 20, (cells // 80 + 0.5) * 0.5 - 20])
+    for (x, y), found in zip((centres - eye[:2]).tolist(), passes.tolist(), strict=True):
+        away = np.hypot(x, y)
+        if away < 1.5:
+            continue
+        flat = points[:, :2] - eye[:2]
+        reach = np.hypot(*flat.T)
+        beside = np.abs(flat[:, 0] * y - flat[:, 1] * x) / reach
+        ahead, on = flat @ [x, y] > 0, reach >= away + 0.5
+        below = eye[2] + (points[:, 2] - eye[2]) / reach * away < 1.1
+        sure, maybe = (int((ahead & on & below & (beside < m)).sum()) for m in (0.13, 0.17 + 0.0075 * away))
+        assert sure <= found <= maybe
+
+
+def test_what_is_raised_lies_upright_or_higher_than_a_slope_leads():
+    eye = np.array([0.0, 0.0, 1.0])
+    ground = [(2.0, 0.0), (4.0, 0.0), (8.0, 0.02)]
+    face, roof, hill = [(10.0, 1.0), (10.05, 1.5), (10.0, 2.0)], [(20.0, 4.5)], [(9.0, 0.5)]
+    for extra, wanted in (
+        (face, [False] * 3 + [True] * 3),
+        (hill, [False] * 4),
+        (face + roof, [False] * 3 + [True] * 4),
+    ):
+        rows = ground + extra
+        points = np.array([(d, 0.001, z) for d, z in rows])
+        assert Rays().sort(np.ascontiguousarray(points.T), eye, 0.6).tolist() == wanted
