@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
 from orograph import keys
@@ -61,13 +62,13 @@ def build_rounds(
 
 def run_in_process(scenario: Scenario, out: Path, on_progress: OnProgress) -> None:
     """Run the mission whose resolved scenario is in out/parts to its end."""
-    with Recording(out, "in-process") as recording:
-        _run(scenario, out, recording, on_progress)
-
-
-def _run(scenario: Scenario, out: Path, recording: Recording, on_progress: OnProgress) -> None:
-    stages: dict[str, StageRecorder] = {}
     store = SqliteStore(out / STORE, scenario.grid.grid.shape)
+    with closing(store), Recording(out, "in-process") as recording:
+        _run(scenario, store, recording, on_progress)
+
+
+def _run(scenario: Scenario, store: SqliteStore, recording: Recording, on_progress: OnProgress) -> None:
+    stages: dict[str, StageRecorder] = {}
     rounds = build_rounds(scenario, store, recording, stages)
     begin_s = shown_s = time.monotonic()
     world = next(n for n in rounds.nodes if isinstance(n, WorldNode))

@@ -8,6 +8,7 @@ import sqlite3
 import subprocess
 import sys
 import textwrap
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -127,7 +128,7 @@ def test_foreign_files_are_refused_and_kept(path):
         SqliteStore(path, SHAPE)
     assert path.read_bytes() == before
     path.unlink()
-    with sqlite3.connect(path) as other:
+    with closing(sqlite3.connect(path)) as other:
         other.execute("create table x (y)")
     with pytest.raises(StoreDamaged, match="not a map store"):
         SqliteStore(path, SHAPE)
@@ -203,6 +204,7 @@ def test_failed_write_is_told_as_such(path):
     store._db.execute("drop table confident")
     with pytest.raises(StoreFailed):
         store.commit(SOME)
+    store.close()
 
 
 def test_errors_of_the_module_itself_are_told_as_such(path):
