@@ -36,8 +36,8 @@ def put_numbers(records: Packed, whole: npt.NDArray[Any]) -> None:
 
 
 def has_evidence(records: Packed) -> Mask:
-    """Which records (...) say anything: of the ground, or of what stands on it."""
-    seen: Mask = (records["confidence"] > 0) | (records["confidence_top"] > 0)
+    """Which records (...) say anything: of the ground, of what stands on it, or that nothing does."""
+    seen: Mask = (records["confidence"] > 0) | (records["confidence_top"] > 0) | (records["free_share"] > 0)
     return seen
 
 

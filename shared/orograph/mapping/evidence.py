@@ -12,7 +12,7 @@ import numpy as np
 
 from orograph.arrays import F32, I32, I64, U1, Mask
 from orograph.grid import Grid
-from orograph.layers import CONFIDENCE, CONFIDENCE_TOP, WIDTH
+from orograph.layers import CONFIDENCE, CONFIDENCE_TOP, FREE_SHARE, WIDTH
 from orograph.mapping.cells import Cells, Ticks, Values, unknown_values
 from orograph.mapping.fusion_kernels import fuse_cells
 from orograph.mapping.rescaling_kernels import expand_blocks, mark_blocks, rescale_marked
@@ -116,7 +116,8 @@ class Evidence:
 
     def known_cells(self) -> Cells:
         """GLRM cells with any evidence, ascending."""
-        return np.flatnonzero((self.coarse[:, CONFIDENCE] > 0) | (self.coarse[:, CONFIDENCE_TOP] > 0))
+        told = self.coarse[:, [CONFIDENCE, CONFIDENCE_TOP, FREE_SHARE]] > 0
+        return np.flatnonzero(told.any(axis=1))
 
     def _move(self, window: tuple[int, int], left: tuple[int, int] | None) -> None:
         """Every block of the new window is either kept or set from the coarse values, so nothing is cleared first."""
