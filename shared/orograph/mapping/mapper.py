@@ -132,14 +132,13 @@ class RobotMapper:
         self._planning.show(tick, hit)
         if not _has_height(eye_m):
             return cells
-        stands = np.flatnonzero(evidence.standing > 0)
-        stands = stands[~np.isin(stands, hit, assume_unique=True)]
+        standing = evidence.standing > 0
+        standing[hit] = False
+        stands = np.flatnonzero(standing)
         tops_m = evidence.values[stands, HEIGHT_TOP] - np.float32(self._rules.step_m)
         passes = self._rays.passes(eye_m, evidence.grid, stands, tops_m)
-        changed = np.concatenate([cells, evidence.clear_passed(stands, passes, self._fine_rules)])
-        blocks = evidence.blocks_of(changed)
-        self._rays.free_unseen(evidence.values, blocks, evidence.factor, evidence.grid, eye_m)
-        return changed
+        self._rays.free_unseen(evidence.values, evidence.blocks_of(hit), evidence.factor, evidence.grid, eye_m)
+        return np.concatenate([cells, evidence.clear_passed(stands, passes, self._fine_rules)])
 
     def adopt(self, row: Packed, fuse: bool) -> None:
         """Take over the robot's own row as the Map Manager holds it (REGISTER).

@@ -16,6 +16,7 @@ class Rays:
     def __init__(self) -> None:
         self._first: I64 = np.zeros(BINS + 1, np.int64)
         self._low_m: F64 = np.zeros(BINS)
+        self._far_m: F64 = np.zeros(BINS)
         self._sized(0)
 
     def _sized(self, points: int) -> None:
@@ -33,15 +34,15 @@ class Rays:
         if n > len(self._order):
             self._sized(n)
         rays = self._order, self._reach_m, self._rise
-        sort_rays(xyz, eye_m, self._first, *rays, self._low_m)
-        find_raised(xyz[2], eye_m[2], steepest, self._first, *rays, self._raised[:n])
+        sort_rays(xyz, eye_m, self._first, *rays, self._low_m, self._far_m)
+        find_raised(steepest, self._first, *rays, self._raised[:n])
         return self._raised[:n]
 
     def passes(self, eye_m: F64, grid: Grid, cells: Cells, tops_m: F32) -> I64:
         """How many rays cross each of `cells` (k,) of `grid` below its top (k,)."""
         passes: I64 = np.zeros(len(cells), np.int64)
         place = (grid.cols, *grid.origin_m, grid.cell_m)
-        count_passes(cells, tops_m, *place, eye_m, self._first, self._reach_m, self._rise, passes)
+        count_passes(cells, tops_m, *place, eye_m, self._first, self._reach_m, self._rise, self._far_m, passes)
         return passes
 
     def free_unseen(self, values: Values, blocks: Cells, factor: int, grid: Grid, eye_m: F64) -> None:

@@ -45,16 +45,17 @@ def direction(x: float, y: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def sort_rays(xyz: Any, eye_m: Any, first: Any, order: Any, reach_m: Any, rise: Any, low_m: Any) -> None:
+def sort_rays(xyz: Any, eye_m: Any, first: Any, order: Any, reach_m: Any, rise: Any, low_m: Any, far_m: Any) -> None:
     """Rays by direction, and within one from the lowest up: bin b holds places `first[b]` to `first[b + 1]`.
 
     At a place stand the point's number in xyz (3, n), its horizontal reach [m] and its rise [m/m]. `low_m` (BINS,) is
-    the longest reach of each bin's rays that do not rise. Points that are not finite belong to no bin.
+    the longest reach of each bin's rays that do not rise, `far_m` of all. Points that are not finite belong to no bin.
     """
     n = xyz.shape[1]
     bins = np.empty(n, np.int32)
     first[:] = 0
     low_m[:] = 0.0
+    far_m[:] = 0.0
     for i in range(n):
         turn = direction(xyz[0, i] - eye_m[0], xyz[1, i] - eye_m[1])
         bins[i] = np.int32(turn * PER_UNIT) & (BINS - 1) if abs(turn) <= 4.0 and abs(xyz[2, i]) < math.inf else -1
@@ -76,36 +77,35 @@ def sort_rays(xyz: Any, eye_m: Any, first: Any, order: Any, reach_m: Any, rise: 
             k -= 1
         order[k], reach_m[k], rise[k] = i, flat_m, up
         end[b] += 1
+        far_m[b] = max(far_m[b], flat_m)
         if up <= LEVEL:
             low_m[b] = max(low_m[b], flat_m)
 
 
 @njit(cache=True)
-def find_raised(
-    zs: Any, eye_z_m: float, steepest: float, first: Any, order: Any, reach_m: Any, rise: Any, raised: Any
-) -> None:
+def find_raised(steepest: float, first: Any, order: Any, reach_m: Any, rise: Any, raised: Any) -> None:
     """Mark in `raised` (n,) the points that cannot be ground, direction by direction.
 
     They lie one above the other on something steep, or higher than a slope of `steepest` leads from the last ground.
     """
     raised[:] = False
     for b in range(BINS):
-        begin, end = first[b], first[b + 1]
-        for k in range(begin + 1, end):
-            low, high = order[k - 1], order[k]
-            up_m = zs[high] - zs[low]
-            near = rise[k] - rise[k - 1] <= SIDE_BY_SIDE
-            if near and up_m > NOISE_M and up_m > STEEP * abs(reach_m[k] - reach_m[k - 1]):
-                raised[low] = raised[high] = True
-        ground_m, ground_z_m, slope = 0.0, eye_z_m, steepest
-        for k in range(begin, end):
-            z = zs[order[k]]
-            if z - ground_z_m > slope * abs(reach_m[k] - ground_m) + NOISE_M:
-                raised[order[k]] = True
-            if raised[order[k]]:
-                slope = BEHIND
+        ground_m, ground_z_m, slope, upright = 0.0, 0.0, steepest, False
+        for k in range(first[b], first[b + 1]):
+            reach, z = reach_m[k], rise[k] * reach_m[k]  # over the eye
+            up = upright or z - ground_z_m > slope * abs(reach - ground_m) + NOISE_M
+            upright = k + 1 < first[b + 1] and above(reach, rise[k], reach_m[k + 1], rise[k + 1])
+            if up or upright:
+                raised[order[k]], slope = True, BEHIND
             else:
-                ground_m, ground_z_m = reach_m[k], z
+                ground_m, ground_z_m = reach, z
+
+
+@njit(cache=True)
+def above(low_m: float, low_rise: float, high_m: float, high_rise: float) -> bool:
+    """Whether the second of two rays, in order of their rise, ends above the first on something steep."""
+    up_m = high_rise * high_m - low_rise * low_m
+    return high_rise - low_rise <= SIDE_BY_SIDE and up_m > NOISE_M and up_m > STEEP * abs(high_m - low_m)
 
 
 @njit(cache=True, error_model="numpy")
@@ -120,7 +120,7 @@ def bins_across(x: float, y: float, cell_m: float) -> Any:
 @njit(cache=True, error_model="numpy")
 def count_passes(
     cells: Any, tops_m: Any, cols: int, x0: float, y0: float, cell_m: float, eye_m: Any, first: Any, reach_m: Any,
-    rise: Any, passes: Any,
+    rise: Any, far_m: Any, passes: Any,
 ) -> None:  # fmt: skip
     """How many sorted rays cross each of `cells` (k,) below its top (k,) [m] and go on: into `passes` (k,)."""
     for i in range(cells.shape[0]):
@@ -134,6 +134,8 @@ def count_passes(
         begin, end = bins_across(x, y, cell_m)
         for k in range(begin, end + 1):
             b = k & (BINS - 1)
+            if far_m[b] < away_m + BEYOND * cell_m:
+                continue
             for ray in range(first[b], first[b + 1]):
                 if eye_m[2] + rise[ray] * away_m >= tops_m[i]:
                     break
