@@ -50,6 +50,7 @@ def fold_surfaces(prior: np.void, registers: Sequence[np.void], rules: Any) -> t
     tops: list[tuple[int, Fraction]] = []
     shares: list[tuple[int, int, Fraction]] = []
     slopes: list[tuple[int, Fraction]] = []
+    doubtful = False
     barred, cleared, open_once = told["wall_share"] > 0 and told["occupation"] == 254, False, False
     for register in sorted(some, key=lambda r: (int(r["tick"]), int(r["robot"]))):
         new = {name: int(register[name]) for name in NAMES}
@@ -61,8 +62,11 @@ def fold_surfaces(prior: np.void, registers: Sequence[np.void], rules: Any) -> t
         shares.append((new["wall_share"], new["free_share"], max(c, c_top)))
         walls, free = Fraction(new["wall_share"], 200), Fraction(new["free_share"], 200)
         is_open = free + min(walls, Fraction(1, 10)) / 2 > Fraction(6, 10) or (walls == 0 and free >= Fraction(1, 4))
-        barred = not is_open and (barred or walls > Fraction(6, 100) or new["confidence_top"] >= 64)
-        if not barred:
+        sure = new["confidence_top"] >= 64
+        shows = not is_open and walls > 0 and (sure or walls > Fraction(6, 100))
+        barred = not is_open and (barred or (shows and sure and walls + free >= Fraction(1, 2)))
+        doubtful = not is_open and (doubtful or shows)
+        if not shows:
             slopes, open_once = [*slopes, (new["occupation"], c)], True
         if is_open and walls == 0:
             tops, cleared = [], True
@@ -80,6 +84,8 @@ def fold_surfaces(prior: np.void, registers: Sequence[np.void], rules: Any) -> t
     occupation = step_mean(slopes) if open_once else told["occupation"]
     if barred:
         occupation = 254
+    elif doubtful:
+        occupation = 203
     elif occupation == UNKNOWN_OCCUPATION and told["occupation"] < 254:
         occupation = told["occupation"]
     wall, free = (step_mean_shares(shares, k, told[name]) for k, name in enumerate(("wall_share", "free_share")))

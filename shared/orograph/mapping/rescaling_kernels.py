@@ -25,9 +25,10 @@ FEW = 0.1
 FREE = 0.6
 RIM = 0.1
 """A block of which more than 6/10 is free is no house; of the fine cells along a wall, a tenth, half is free."""
-SURE = 64.0
-FEW_WALLS = 0.06
-"""Up to this share of walls bar a block only where the prior knows of a house."""
+SURE, HALF = 64.0, 0.5
+"""A house on the robot's own word bars its block: a confident top, and half of the block seen."""
+FEW_WALLS, DOUBTFUL = 0.06, 0.8
+"""With more walls, or a confident top, it is a house rather than not."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -67,9 +68,10 @@ def rescale_block(values: Any, ticks: Any, cols: int, factor: int, first: int, c
     size = factor * factor
     coarse[CONFIDENCE], coarse[WALL_SHARE], coarse[FREE_SHARE] = confidence / size, walls / size, free / size
     coarse[HEIGHT_TOP], coarse[CONFIDENCE_TOP] = top, of_top / max(seen_top, 1)
-    shows = walls > FEW_WALLS * size or coarse[CONFIDENCE_TOP] >= SURE
-    if walls > 0.0 and shows and free + min(walls, RIM * size) / 2.0 <= FREE * size:
-        coarse[OCCUPATION] = 1.0
+    sure = coarse[CONFIDENCE_TOP] >= SURE
+    shows = walls > 0.0 and (sure or walls > FEW_WALLS * size)
+    if shows and free + min(walls, RIM * size) / 2.0 <= FREE * size:
+        coarse[OCCUPATION] = 1.0 if sure and walls + free >= HALF * size else DOUBTFUL
     return newest
 
 

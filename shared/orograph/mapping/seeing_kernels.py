@@ -31,6 +31,8 @@ SIDE_BY_SIDE = 0.1
 """Rays that rise by no more than this apart see the same thing, if they see things at one distance."""
 BEHIND = 0.1
 """Behind something that stands ground may rise by so much per metre: what is higher is rather its roof."""
+FOOT_M = 0.15
+"""The lower of two such points is their foot, and ground, unless it is higher over the last ground than this."""
 NOISE_M = 0.05
 """Points less than this above each other are noise, not steepness."""
 
@@ -93,9 +95,10 @@ def find_raised(steepest: float, first: Any, order: Any, reach_m: Any, rise: Any
         ground_m, ground_z_m, slope, upright = 0.0, 0.0, steepest, False
         for k in range(first[b], first[b + 1]):
             reach, z = reach_m[k], rise[k] * reach_m[k]  # over the eye
-            up = upright or z - ground_z_m > slope * abs(reach - ground_m) + NOISE_M
+            away_m, over_m = abs(reach - ground_m), z - ground_z_m
+            up = upright or over_m > slope * away_m + NOISE_M
             upright = k + 1 < first[b + 1] and above(reach, rise[k], reach_m[k + 1], rise[k + 1])
-            if up or upright:
+            if up or (upright and over_m > BEHIND * away_m + FOOT_M):
                 raised[order[k]], slope = True, BEHIND
             else:
                 ground_m, ground_z_m = reach, z

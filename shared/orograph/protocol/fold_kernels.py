@@ -38,10 +38,12 @@ FREE = 6 * SHARE_ONE // 10
 RIM = SHARE_ONE // 10
 """A cell of which more than 6/10 is free is no house; of the fine cells along a wall, a tenth, half is free."""
 SEEN = SHARE_ONE // 4
-"""A cell of which so much is free and that shows no wall is none either."""
-SURE = 64
+"""Of so much seen: a cell that is free and shows no wall is no house either."""
+SURE, HALF = 64, SHARE_ONE // 2
+"""A house that the prior does not know of bars its cell: a confident top, and half of the cell seen."""
 FEW_WALLS = 6 * SHARE_ONE // 100
-"""Up to so many walls bar a cell only where the prior knows of a house."""
+DOUBTFUL = 8 * OCCUPATION_ONE // 10
+"""With more walls, or a confident top, it is a house rather than not: to be driven only where nothing else leads."""
 AGEING_STEPS = 256
 """Entries of the ageing table per half-life."""
 
@@ -181,6 +183,7 @@ def fold_surfaces(prior: I64, registers: I64, ticks: I64, rules: Any, ageing: I6
         of_share: Whole = np.int64(0)
         of_slope: Whole = np.int64(0)
         barred, cleared = told[WALL_SHARE] > 0 and told[OCCUPATION] == OCCUPATION_ONE, False
+        doubtful = False
         n = _order_by_tick(registers, ticks, i, order)
         newest_tick = ticks[order[n - 1], i] if n else 0
         for j in range(n):
@@ -197,8 +200,11 @@ def fold_surfaces(prior: I64, registers: I64, ticks: I64, rules: Any, ageing: I6
             of_share += either
             walls, free = new[WALL_SHARE], new[FREE_SHARE]
             open_ = 2 * free + min(walls, RIM) > 2 * FREE or (walls == 0 and free >= SEEN)
-            barred = not open_ and (barred or walls > FEW_WALLS or new[CONFIDENCE_TOP] >= SURE)
-            if not barred:
+            sure = new[CONFIDENCE_TOP] >= SURE
+            shows = not open_ and walls > 0 and (sure or walls > FEW_WALLS)
+            barred = not open_ and (barred or (shows and sure and walls + free >= HALF))
+            doubtful = not open_ and (doubtful or shows)
+            if not shows:
                 known = held[OCCUPATION] if of_slope > 0 else UNKNOWN_OCCUPATION
                 held[OCCUPATION] = _mean_of_known(known, of_slope, new[OCCUPATION], weight, UNKNOWN_OCCUPATION)
                 of_slope += weight
@@ -218,6 +224,8 @@ def fold_surfaces(prior: I64, registers: I64, ticks: I64, rules: Any, ageing: I6
             held[HEIGHT_TOP] = UNKNOWN_HEIGHT
         if barred:
             held[OCCUPATION] = OCCUPATION_ONE
+        elif doubtful:
+            held[OCCUPATION] = DOUBTFUL
         elif held[OCCUPATION] == UNKNOWN_OCCUPATION and told[OCCUPATION] < OCCUPATION_ONE:
             held[OCCUPATION] = told[OCCUPATION]
         held[CONFIDENCE], held[CONFIDENCE_TOP] = (ground + ONE // 2) // ONE, (top + ONE // 2) // ONE

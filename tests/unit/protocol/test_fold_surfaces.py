@@ -54,6 +54,12 @@ def test_few_walls_bar_where_the_prior_knows_of_a_house() -> None:
     assert folded(GROUND, seen)["occupation"] == 0
 
 
+def test_a_house_of_which_little_was_seen_is_doubtful() -> None:
+    seen = {"confidence": 20, "confidence_top": 90, "height_top": 6_000, "wall_share": 20, "free_share": 40}
+    assert folded(GROUND, seen)["occupation"] == round(0.8 * 254)
+    assert folded(GROUND, {**seen, "free_share": 90})["occupation"] == 254
+
+
 def test_a_house_that_is_not_there_goes_top_and_all() -> None:
     found = folded(HOUSE, {"confidence": 60, "free_share": 120, "occupation": 3})
     assert (found["occupation"], found["height_top"], found["confidence_top"]) == (3, NO_TOP, 0)
