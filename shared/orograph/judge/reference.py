@@ -19,7 +19,7 @@ from orograph.arrays import F64, Mask
 from orograph.grid import Grid
 from orograph.judge.provenance import code_digest
 from orograph.judge.route import patrol_poses
-from orograph.layers import BASIC_LAYERS, CONFIDENT, CellMap
+from orograph.layers import BASIC_LAYERS, CONFIDENT, LAYERS, CellMap
 from orograph.mapping import RobotMapper
 from orograph.messages import ROBOT_REGISTER
 from orograph.protocol.fold import fold_registers, whole_prior
@@ -107,7 +107,8 @@ def _glrm(scenario: Scenario, mapper: RobotMapper, given: tuple[Any, Any]) -> Ce
         registers[name] = own[name]
     registers["robot"] = 1
     prior = whole_prior(prior_records(scenario), grid.size)
-    return unpack(fold_registers(prior, registers, Rules.of(scenario.rules)), grid, *given)
+    glrm = unpack(fold_registers(prior, registers, Rules.of(scenario.rules)), grid, *given)
+    return CellMap(grid, {name: glrm.by_name[name] for name in LAYERS})
 
 
 def _overlap(into: Grid, source: Grid) -> tuple[tuple[slice, slice], tuple[slice, slice]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from orograph.layers import UNKNOWN_GRADIENT
+from orograph.layers import UNKNOWN_GRADIENT, UNKNOWN_HEIGHT
 from orograph.messages import UPDATE
 from orograph.registers import unpack
 from orograph.scenario import Scenario
@@ -48,14 +48,22 @@ def test_cells_covered_enough_hold_a_building_of_the_priors_height():
         {"footprint": [[15, 10], [25, 10], [25, 15], [15, 15]], "height_m": 4.0},
     ]
     prior = {"building_height_m": 8.0, "confidence": 20}
-    records = prior_records(scenario(terrain={"height_m": 1.0}, buildings=buildings, prior=prior)).reshape(4, 6)
+    told = {"terrain": {"height_m": 1.0}, "buildings": buildings, "prior": prior}
     roofs = np.zeros((4, 6), bool)
     roofs[0, 0] = roofs[2, 3] = roofs[2, 4] = True
-    np.testing.assert_array_equal(records["height"], np.where(roofs, 9000, 1000))
-    np.testing.assert_array_equal(records["occupation"], np.where(roofs, 254, 0))
-    np.testing.assert_array_equal(records["gradient_x"], np.where(roofs, UNKNOWN_GRADIENT, 0))
-    np.testing.assert_array_equal(records["gradient_y"], np.where(roofs, UNKNOWN_GRADIENT, 0))
-    assert set(records["confidence"].reshape(-1)) == {20}
+    one, two = (prior_records(scenario(rules=rules, **told)).reshape(4, 6) for rules in ("default", "surface"))
+    np.testing.assert_array_equal(one["height"], np.where(roofs, 9000, 1000))
+    for name in ("gradient_x", "gradient_y"):
+        np.testing.assert_array_equal(one[name], np.where(roofs, UNKNOWN_GRADIENT, 0))
+    assert not (one["confidence_top"].any() or one["wall_share"].any() or one["free_share"].any())
+    for records in (one, two):
+        np.testing.assert_array_equal(records["occupation"], np.where(roofs, 254, 0))
+        assert set(records["confidence"].reshape(-1)) == {20}
+    assert set(two["height"].reshape(-1)) == {1000} and not two["gradient_x"].any()
+    np.testing.assert_array_equal(two["height_top"], np.where(roofs, 9000, UNKNOWN_HEIGHT))
+    np.testing.assert_array_equal(two["confidence_top"], np.where(roofs, 20, 0))
+    np.testing.assert_array_equal(two["wall_share"], np.where(roofs, 200, 0))
+    np.testing.assert_array_equal(two["free_share"], np.where(roofs, 0, 200))
 
 
 def test_overlaps_count_once_and_what_lies_outside_not_at_all():
