@@ -42,8 +42,8 @@ def checked_points(points: npt.ArrayLike) -> npt.NDArray[Any]:
             raise ValueError(
                 f"points: float32 holds steps of {step_m:g} m at {far_m:.0f} m: give float64, or shift the map's origin"
             )
-        return np.ascontiguousarray(flat)
-    return np.ascontiguousarray(flat, np.float64)
+        return flat
+    return np.asarray(flat, np.float64)
 
 
 def checked_ranges(ranges_m: npt.ArrayLike, count: int) -> F64:
@@ -61,6 +61,13 @@ def checked_ranges(ranges_m: npt.ArrayLike, count: int) -> F64:
 def near(ranges_m: F64, range_min_m: float) -> Mask:
     """Which of ranges (n,) [m] are no measurement of a surface: at or below 0, or below the smallest range."""
     return (ranges_m <= 0) | (ranges_m < range_min_m)
+
+
+def beyond(points: npt.NDArray[Any], ranges_m: F64, range_min_m: float) -> tuple[npt.NDArray[Any], F64, int]:
+    """Points (n, 3) and ranges (n,) without those that are `near`, and how many these were; no copy where none is."""
+    dropped = near(ranges_m, range_min_m)
+    count = int(np.count_nonzero(dropped))
+    return (points[~dropped], ranges_m[~dropped], count) if count else (points, ranges_m, 0)
 
 
 def checked_position(position_xy_m: npt.ArrayLike) -> tuple[float, float]:

@@ -14,10 +14,10 @@ from orograph.mapping.cells import Cells, Given, Values, cut, map_of, unknown_va
 from orograph.mapping.door import (
     RANGE_MIN_M,
     ScanClock,
+    beyond,
     checked_points,
     checked_position,
     checked_ranges,
-    near,
     positive,
     within,
 )  # fmt: skip
@@ -75,12 +75,11 @@ class RobotMapper:
         scan.
         """
         points = checked_points(points)
-        ranges_m = checked_ranges(ranges_m, len(points))
-        dropped = near(ranges_m, self._range_min_m)
-        self._below_range += int(dropped.sum())
+        points, ranges_m, dropped = beyond(points, checked_ranges(ranges_m, len(points)), self._range_min_m)
+        self._below_range += dropped
         checked_position(position_m)
         eye_m = np.asarray(position_m, np.float64)
-        return self._map(points[~dropped], ranges_m[~dropped], eye_m, self._clock.tick(stamp_ns), held)
+        return self._map(points, ranges_m, eye_m, self._clock.tick(stamp_ns), held)
 
     def _map(
         self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], eye_m: F64, tick: int, held: Packed | None

@@ -12,7 +12,7 @@ from orograph.grid import Grid
 from orograph.layers import CellMap
 from orograph.mapping import reconstruction_kernels as kernels
 from orograph.mapping.cells import Cells, Values, map_of, unknown_values
-from orograph.mapping.door import checked_points, checked_ranges, near, positive
+from orograph.mapping.door import beyond, checked_points, checked_ranges, positive
 from orograph.mapping.surface_kernels import blank_groundless, surfaces
 from orograph.rules import PAPER, SLOPE_MAX, RealRules
 from orograph.stages import Stage, untimed
@@ -102,9 +102,7 @@ def reconstruct(
     Raises ValueError for what is no scan.
     """
     points = checked_points(points)
-    ranges_m = checked_ranges(ranges_m, len(points))
-    kept = ~near(ranges_m, 0.0)
-    points, ranges_m = points[kept], ranges_m[kept]
+    points, ranges_m, _ = beyond(points, checked_ranges(ranges_m, len(points)), 0.0)
     maker = Reconstructor(grid.size, positive("range_max_m", range_max_m), PAPER.real(slope_max))
     raised = np.zeros(len(points), np.bool_)
     values = unknown_values(grid.size)
