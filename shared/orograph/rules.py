@@ -13,6 +13,16 @@ from pydantic.dataclasses import dataclass
 
 SLOPE_MAX = 0.3
 """Largest passable slope of the paper's robot (mapping.md section 2.3)."""
+# What bars a block or cell by the rule set `surface`, for robots and fold alike (mapping.md section 7).
+FREE_SHARE_OPEN = 0.6
+WALL_SHARE_RIM = 0.1
+"""A block of which more than 6/10 is free is no house; of the fine cells along a wall, a tenth, half is free."""
+FREE_SHARE_SEEN = 0.25
+"""Of so much seen: a cell that is free and shows no wall is no house either."""
+TOP_SURE, SHARE_HALF = 64, 0.5
+"""A house that the prior does not know of bars its block: a confident top, and half of the block seen."""
+WALL_SHARE_FEW, OCCUPATION_DOUBTFUL = 0.06, 0.8
+"""With more walls, or a confident top, it is a house rather than not: to be driven only where nothing else leads."""
 _TANGENT_ONE = 10**9
 NamedRules = Literal["paper", "default", "surface"]
 

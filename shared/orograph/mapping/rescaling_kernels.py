@@ -19,16 +19,17 @@ from orograph.layers import (
     OCCUPATION,
     WALL_SHARE,
 )
+from orograph.rules import (
+    FREE_SHARE_OPEN,
+    OCCUPATION_DOUBTFUL,
+    SHARE_HALF,
+    TOP_SURE,
+    WALL_SHARE_FEW,
+    WALL_SHARE_RIM,
+)  # fmt: skip
 
 FEW = 0.1
 """A cell that only its block says stands: the first look decides."""
-FREE = 0.6
-RIM = 0.1
-"""A block of which more than 6/10 is free is no house; of the fine cells along a wall, a tenth, half is free."""
-SURE, HALF = 64.0, 0.5
-"""A house on the robot's own word bars its block: a confident top, and half of the block seen."""
-FEW_WALLS, DOUBTFUL = 0.06, 0.8
-"""With more walls, or a confident top, it is a house rather than not."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -37,7 +38,7 @@ def rescale_block(values: Any, ticks: Any, cols: int, factor: int, first: int, c
 
     Confidence-weighted means over cells of known ground; confidence is the sum over the number of cells. Of what stands
     the highest top, the mean confidence over the cells that show one, and the shares of the block; a block whose walls
-    leave no more than FREE of it free is barred.
+    leave no more than FREE_SHARE_OPEN of it free is barred.
     """
     top, of_top, seen_top, walls, free = math.nan, 0.0, 0, 0.0, 0.0
     confidence, newest = 0.0, np.uint32(0)
@@ -68,10 +69,10 @@ def rescale_block(values: Any, ticks: Any, cols: int, factor: int, first: int, c
     size = factor * factor
     coarse[CONFIDENCE], coarse[WALL_SHARE], coarse[FREE_SHARE] = confidence / size, walls / size, free / size
     coarse[HEIGHT_TOP], coarse[CONFIDENCE_TOP] = top, of_top / max(seen_top, 1)
-    sure = coarse[CONFIDENCE_TOP] >= SURE
-    shows = walls > 0.0 and (sure or walls > FEW_WALLS * size)
-    if shows and free + min(walls, RIM * size) / 2.0 <= FREE * size:
-        coarse[OCCUPATION] = 1.0 if sure and walls + free >= HALF * size else DOUBTFUL
+    sure = coarse[CONFIDENCE_TOP] >= TOP_SURE
+    shows = walls > 0.0 and (sure or walls > WALL_SHARE_FEW * size)
+    if shows and free + min(walls, WALL_SHARE_RIM * size) / 2.0 <= FREE_SHARE_OPEN * size:
+        coarse[OCCUPATION] = 1.0 if sure and walls + free >= SHARE_HALF * size else OCCUPATION_DOUBTFUL
     return newest
 
 

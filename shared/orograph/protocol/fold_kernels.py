@@ -24,6 +24,15 @@ from orograph.layers import (
     UNKNOWN_OCCUPATION,
     WALL_SHARE,
 )
+from orograph.rules import (
+    FREE_SHARE_OPEN,
+    FREE_SHARE_SEEN,
+    OCCUPATION_DOUBTFUL,
+    SHARE_HALF,
+    TOP_SURE,
+    WALL_SHARE_FEW,
+    WALL_SHARE_RIM,
+)  # fmt: skip
 
 Whole = Any
 """A signed 64-bit integer; never mix in an unsigned one, numba would go to floating point."""
@@ -34,16 +43,10 @@ CONFIDENCE_MAX = 255 * ONE
 HIGH_DIFFERENCE = 2 * CONFIDENCE_MAX // 16
 """2/16 of 255, exact in 1/256."""
 HIGH_CONFIDENCE = 128 * ONE
-FREE = 6 * SHARE_ONE // 10
-RIM = SHARE_ONE // 10
-"""A cell of which more than 6/10 is free is no house; of the fine cells along a wall, a tenth, half is free."""
-SEEN = SHARE_ONE // 4
-"""Of so much seen: a cell that is free and shows no wall is no house either."""
-SURE, HALF = 64, SHARE_ONE // 2
-"""A house that the prior does not know of bars its cell: a confident top, and half of the cell seen."""
-FEW_WALLS = 6 * SHARE_ONE // 100
-DOUBTFUL = 8 * OCCUPATION_ONE // 10
-"""With more walls, or a confident top, it is a house rather than not: to be driven only where nothing else leads."""
+FREE, RIM, SEEN, HALF, FEW_WALLS = (
+    int(share * SHARE_ONE) for share in (FREE_SHARE_OPEN, WALL_SHARE_RIM, FREE_SHARE_SEEN, SHARE_HALF, WALL_SHARE_FEW)
+)
+DOUBTFUL = int(OCCUPATION_DOUBTFUL * OCCUPATION_ONE)
 AGEING_STEPS = 256
 """Entries of the ageing table per half-life."""
 
@@ -200,7 +203,7 @@ def fold_surfaces(prior: I64, registers: I64, ticks: I64, rules: Any, ageing: I6
             of_share += either
             walls, free = new[WALL_SHARE], new[FREE_SHARE]
             open_ = 2 * free + min(walls, RIM) > 2 * FREE or (walls == 0 and free >= SEEN)
-            sure = new[CONFIDENCE_TOP] >= SURE
+            sure = new[CONFIDENCE_TOP] >= TOP_SURE
             shows = not open_ and walls > 0 and (sure or walls > FEW_WALLS)
             barred = not open_ and (barred or (shows and sure and walls + free >= HALF))
             doubtful = not open_ and (doubtful or shows)
