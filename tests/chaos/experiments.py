@@ -94,7 +94,7 @@ EXPERIMENTS = (
     Experiment("F27c", "storm, seed 3", n.storm, {**SLOW, "SEED": "3"}),
     Experiment("M1", "MUTANT: acknowledges before it commits", n.manager_killed((200,)), SLOW,
                overlay=mutant(keys.MANAGER, "late_store.py"), caught_by="1"),
-    Experiment("M2", "MUTANT: forgets unsent cells on reconnect", n.router_down(4.0, 120),
+    Experiment("M2", "MUTANT: forgets unsent cells on reconnect", n.router_down(8.0, 300), PACED,
                overlay=mutant(keys.MAPPING, "forgetful.py"), caught_by="3"),
 )  # fmt: skip
 
