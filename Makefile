@@ -4,9 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.current
 DEMO ?= scenarios/helsinki
-SEEDS ?= 1000
 
-.PHONY: help setup demo check test storms bench map-score cluster-bench study image up watch down logs fetch-run cluster-test chaos clean
+.PHONY: help setup demo check test storms bench map-score contacts cluster-bench study image up watch down logs fetch-run cluster-test chaos clean
 .DEFAULT_GOAL := help
 
 help: ## this list
@@ -35,7 +34,7 @@ test: setup ## every test: units, protocol storms, processes over Zenoh
 	$(BIN)/pytest
 
 storms: setup ## seeded faults over the real services, on all cores: SEEDS=10000, or one of them again: SEED=17
-	PYTHONPATH=tests $(BIN)/python -m simnet.storms $(if $(SEED),--seed $(SEED),--seeds $(SEEDS))
+	PYTHONPATH=tests $(BIN)/python -m simnet.storms $(if $(SEED),--seed $(SEED),--seeds $(or $(SEEDS),1000))
 
 bench: setup ## the hot paths, as a table and a last JSON line
 	$(BIN)/python tests/bench/main.py
@@ -43,6 +42,10 @@ bench: setup ## the hot paths, as a table and a last JSON line
 map-score: setup ## how true the maps are, by rule set: RULES=paper,default SCENARIOS=tiny PRIORS=honest SEEDS=3 DETAILS=1
 	$(BIN)/python tests/bench/map_score.py $(if $(RULES),--rules $(RULES)) $(if $(SCENARIOS),--scenarios $(SCENARIOS)) \
 		$(if $(PRIORS),--priors $(PRIORS)) $(if $(SEEDS),--seeds $(SEEDS)) $(if $(DETAILS),--details)
+
+contacts: setup ## how safe missions are: SEEDS=100 SCENARIOS=helsinki ROBOTS=10
+	$(BIN)/python tests/bench/contacts.py $(if $(SEEDS),--seeds $(SEEDS)) $(if $(SCENARIOS),--scenarios $(SCENARIOS)) \
+		$(if $(ROBOTS),--robots $(ROBOTS)) --jobs $$(nproc)
 
 cluster-bench: setup image ## what the cluster costs beside local processes: speed, memory, delay, claims
 	PYTHONPATH=tests $(BIN)/python tests/bench/cluster.py
