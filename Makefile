@@ -39,7 +39,7 @@ storms: setup ## seeded faults over the real services, on all cores: SEEDS=10000
 bench: setup ## the hot paths, as a table and a last JSON line
 	$(BIN)/python tests/bench/main.py
 
-map-score: setup ## how true the maps are, by rule set: RULES=paper,default SCENARIOS=tiny PRIORS=honest SEEDS=3 DETAILS=1
+map-score: setup ## how true the maps are, by rule set: RULES=paper,surface SCENARIOS=tiny PRIORS=honest SEEDS=3 DETAILS=1
 	$(BIN)/python tests/bench/map_score.py $(if $(RULES),--rules $(RULES)) $(if $(SCENARIOS),--scenarios $(SCENARIOS)) \
 		$(if $(PRIORS),--priors $(PRIORS)) $(if $(SEEDS),--seeds $(SEEDS)) $(if $(DETAILS),--details)
 

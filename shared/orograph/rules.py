@@ -24,7 +24,7 @@ TOP_SURE, SHARE_HALF = 64, 0.5
 WALL_SHARE_FEW, OCCUPATION_DOUBTFUL = 0.06, 0.8
 """With more walls, or a confident top, it is a house rather than not: to be driven only where nothing else leads."""
 _TANGENT_ONE = 10**9
-NamedRules = Literal["paper", "default", "surface"]
+NamedRules = Literal["surface", "paper"]
 
 
 class RealRules(NamedTuple):
@@ -76,8 +76,8 @@ class Rules:
 
     @classmethod
     def default(cls) -> Rules:
-        """With a height gate of 1 m and a half-life of 60 s."""
-        return NAMED["default"]
+        """Ground and what stands on it as two surfaces, a half-life of 60 s."""
+        return NAMED["surface"]
 
     @classmethod
     def of(cls, rules: NamedRules | Rules) -> Rules:
@@ -108,8 +108,7 @@ class Rules:
 
 NAMED: dict[str, Rules] = {
     "paper": Rules(),
-    "default": Rules(half_life_s=60.0, height_gate_m=1.0),
     "surface": Rules(half_life_s=60.0, height_gate_m=0.3, two_surfaces=True),
 }
 """The named sets: `paper` has no height gate and no decay, `surface` parts the ground from what stands on it."""
-PAPER, DEFAULT, SURFACE = NAMED["paper"], NAMED["default"], NAMED["surface"]
+PAPER, SURFACE = NAMED["paper"], NAMED["surface"]

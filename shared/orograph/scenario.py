@@ -262,7 +262,7 @@ class Scenario(Part):
     frame_ms: Annotated[int, Field(ge=20, le=500, multiple_of=5)] = 100
     grid: GridSpec = GridSpec()
     hrm: HrmSpec = HrmSpec()
-    rules: NamedRules | Rules = "default"
+    rules: NamedRules | Rules = "surface"
     terrain: TerrainSpec = TerrainSpec()
     buildings: tuple[Building, ...] = ()
     vehicles: Annotated[tuple[Vehicle, ...], Field(max_length=VEHICLES_MAX)] = ()

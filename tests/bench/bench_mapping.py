@@ -17,7 +17,7 @@ from orograph.grid import Grid
 from orograph.mapping import RobotMapper
 from orograph.messages import RANGE_UNIT_M, UPDATE
 from orograph.points import points_from_ranges
-from orograph.rules import DEFAULT
+from orograph.rules import SURFACE
 from orograph.scenario import LaserSpec
 from orograph.stages import STAGES, StageRecorder
 
@@ -84,7 +84,7 @@ def figures() -> dict[str, float]:
 def map_all(images: list[tuple[npt.NDArray[np.uint16], F64, F64]]) -> dict[str, list[float]]:
     """Durations [ms] by stage of mapping these scans, with everything acknowledged at once."""
     recorder, directions = StageRecorder(time.thread_time_ns), ray_directions(LASER)
-    mapper = RobotMapper(GLRM, 320, 10, DEFAULT, LASER.range_max_m, stage=recorder)
+    mapper = RobotMapper(GLRM, 320, 10, SURFACE, LASER.range_max_m, stage=recorder)
     prior = np.tile(np.array([0, 0, 0, 0, 32], np.float32), (GLRM.size, 1))
     told, held = np.zeros(GLRM.size, np.uint8), np.zeros(GLRM.size, UPDATE)
     whole_ms: list[float] = []

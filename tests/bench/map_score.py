@@ -1,6 +1,6 @@
 """How true are the maps? Recorded missions through any rule set, judged against the scene: `make map-score`.
 
-    map_score.py --rules paper,default --seeds 3 --scenarios tiny,helsinki,paper --only maps
+    map_score.py --rules paper,surface --seeds 3 --scenarios tiny,helsinki,paper --only maps
 
 Prints tables for people and a last JSON line. The missions are recorded once (`map_recording.py`) and kept.
 """
@@ -41,7 +41,7 @@ from orograph.storage.scenario_file import load_scenario
 from rich.console import Console
 from rich.progress import Progress
 
-RULES, SCENARIOS, PRIORS = "paper,default,surface", "tiny,helsinki,paper", "exact,honest,none"
+RULES, SCENARIOS, PRIORS = "paper,surface", "tiny,helsinki,paper", "exact,honest,none"
 HONEST = {"ground_error_m": 0.4, "shift_m": 1.0, "missing": 0.1, "extra": 0.1}
 OFF_THE_LINES_M = (-1.7, -2.3)
 """How far the honest scenario's grid lies off the scenario's own, for walls on cell borders are a stroke of luck."""

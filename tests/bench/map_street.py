@@ -26,7 +26,7 @@ from orograph.sensing.laser import RangeImager
 STREET = Scenario.model_validate({
     "name": "street", "title": "A street that changes", "starts": [{"x_m": 70, "y_m": 100}], "robots": 1,
     "base_station_m": [70, 100], "patrol": [[125, 100]], "grid": {"rows": 40, "cols": 40},
-    "hrm": {"cells": 240}, "rules": "default",
+    "hrm": {"cells": 240},
     "buildings": [{"footprint": [[x, y], [x + 22, y], [x + 22, y + 12], [x, y + 12]], "height_m": 9}
                   for y in (80.3, 112.2) for x in (40.4, 124.3)],
 })  # fmt: skip

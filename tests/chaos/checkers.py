@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 from chaos.evidence import Evidence, latencies_s
-from oracles.fold_oracle import fold_slowly
+from oracles.surface_oracle import fold_slowly
 from orograph import keys
 from orograph.judge import invariants
 from orograph.layers import MAPPED_LAYERS
 from orograph.protocol.fold import whole_prior
 from orograph.protocol.tiles import map_hash
+from orograph.rules import Rules
 from orograph.scene.prior import prior_records
 
 LATENCY_MAX_S = 2.0
@@ -61,7 +62,7 @@ def map_is_the_fold(e: Evidence) -> list[str]:
     if e.ledger.glrm is None:
         return ["3: there is no map"]
     prior = whole_prior(prior_records(e.parts.scenario), e.parts.glrm_grid.size)
-    return invariants.map_is_fold(e.ledger.glrm, fold_slowly(prior, e.ledger.held))
+    return invariants.map_is_fold(e.ledger.glrm, fold_slowly(prior, e.ledger.held, Rules.of(e.parts.scenario.rules)))
 
 
 def versions_never_go_back(e: Evidence) -> list[str]:

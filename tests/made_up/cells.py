@@ -6,8 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from orograph.layers import BASIC_LAYERS
 from orograph.mapping.cells import unknown_values
+from orograph.rules import Rules
 
 BASIC = len(BASIC_LAYERS)
+GATED = Rules(half_life_s=60.0, height_gate_m=1.0)
+"""One surface, with everything of section 3 that the paper's rules leave out."""
 
 
 def wide(cells: ArrayLike) -> np.ndarray:

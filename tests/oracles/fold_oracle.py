@@ -79,17 +79,12 @@ def fuse(old: dict[str, Any], new: dict[str, Any], rules: Any) -> dict[str, Any]
     return old if old["c"] > new["c"] else new
 
 
-class DefaultRules:
-    half_life_ms, height_gate_mm, printed = 60_000, 1_000, False
-    similar_n, similar_d = 173_648_178, 984_807_753
-
-
 def cell_of(record: np.void) -> dict[str, Any]:
     values = {name: int(record[name]) for name in ("height", "gradient_x", "gradient_y", "occupation")}
     return {**values, "c": Fraction(int(record["confidence"]))}
 
 
-def fold_cell(prior: np.void, registers: Sequence[np.void], rules: Any = DefaultRules) -> tuple[int, ...]:
+def fold_cell(prior: np.void, registers: Sequence[np.void], rules: Any) -> tuple[int, ...]:
     """(height, gradient_x, gradient_y, occupation, confidence) of one cell from its registers (ROBOT_REGISTER)."""
     cell = cell_of(prior)
     contributions = [r for r in registers if r["confidence"] > 0]
@@ -99,16 +94,3 @@ def fold_cell(prior: np.void, registers: Sequence[np.void], rules: Any = Default
         new["c"] = aged(new["c"], newest - int(register["tick"]), rules.half_life_ms)
         cell = fuse(cell, new, rules)
     return (*(cell[name] for name in ("height", "gradient_x", "gradient_y", "occupation")), half_away(cell["c"]))
-
-
-def fold_slowly(prior: np.ndarray, registers: np.ndarray) -> np.ndarray:
-    """These cells of the map: the prior of each (n,) with the values that its ROBOT_REGISTERs (m,) give."""
-    by_cell: dict[int, list[np.void]] = {}
-    for register in registers:
-        by_cell.setdefault(int(register["cell"]), []).append(register)
-    out = prior.copy()
-    for i, cell in enumerate(prior["cell"].tolist()):
-        values = fold_cell(prior[i], by_cell.get(cell, []))
-        for name, value in zip(("height", "gradient_x", "gradient_y", "occupation", "confidence"), values, strict=True):
-            out[name][i] = value
-    return out

@@ -1,4 +1,4 @@
-"""The fold of two surfaces once more, from docs/mapping.md: plain Python, fractions, sets of contributions."""
+"""The rule set `surface` once more, from docs/mapping.md section 7: plain Python, fractions, sets of contributions."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-from oracles.fold_oracle import UNKNOWN_OCCUPATION, UNKNOWN_SLOPE, aged, half_away, similar
+from oracles.fold_oracle import UNKNOWN_OCCUPATION, UNKNOWN_SLOPE, aged, fold_cell, half_away, similar
+from orograph.rules import Rules
 
 NO_TOP = -(2**31)
 NAMES = ("height", "gradient_x", "gradient_y", "occupation", "confidence", "height_top", "confidence_top", "wall_share",
@@ -111,6 +112,19 @@ def step_mean_shares(parts: Sequence[tuple[int, int, Fraction]], which: int, tol
         value = half_away((value * weight + part[which] * part[2]) / (weight + part[2]))
         weight += part[2]
     return value
+
+
+def fold_slowly(prior: np.ndarray, registers: np.ndarray, rules: Rules) -> np.ndarray:
+    """These cells of the map: the prior of each (n,) with the values that its ROBOT_REGISTERs (m,) give."""
+    by_cell: dict[int, list[np.void]] = {}
+    for register in registers:
+        by_cell.setdefault(int(register["cell"]), []).append(register)
+    out, cell_of = prior.copy(), fold_surfaces if rules.two_surfaces else fold_cell
+    for i, cell in enumerate(prior["cell"].tolist()):
+        values = cell_of(prior[i], by_cell.get(cell, []), rules.whole())
+        for name, value in zip(NAMES, values, strict=False):
+            out[name][i] = value
+    return out
 
 
 # --- one scan of one robot ------------------------------------------------------------------------------------------

@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator
 from itertools import pairwise
 
 import numpy as np
-from oracles.fold_oracle import fold_slowly
+from oracles.surface_oracle import fold_slowly
 from orograph.judge import invariants
 from simnet.history import Commit, History
+from simnet.street import RULES
 
 KEPT_SHARE = 0.75
 """Of a cell's confidence, which a new life gets back in coarse cells: there newer fine ones may replace it."""
@@ -46,7 +47,7 @@ def map_is_the_fold(history: History) -> list[str]:
     assert history.glrm is not None and history.registers is not None
     some = history.prior["cell"] % 8 == history.seed % 8
     registers = history.registers[some[history.registers["cell"]]]
-    return invariants.map_is_fold(history.glrm[some], fold_slowly(history.prior[some], registers))
+    return invariants.map_is_fold(history.glrm[some], fold_slowly(history.prior[some], registers, RULES))
 
 
 def versions_never_go_back(history: History) -> list[str]:

@@ -58,7 +58,7 @@ def test_a_recording_is_kept_and_comes_back_whole(short, tmp_path, monkeypatch):
 def test_all_figures_are_there_with_every_prior(short, prior):
     scenario, mission = short
     told, pool = with_prior(scenario, prior), Pool()
-    judge, replay = Judge(told), Replay(told, "default")
+    judge, replay = Judge(told), Replay(told, "surface")
     judge.scans(mission, replay, pool, lambda: None)
     judge.maps(replay, pool)
     figures = pool.figures()

@@ -3,20 +3,21 @@
 import math
 
 import pytest
-from orograph.rules import DEFAULT, PAPER, Rules
+from made_up.cells import GATED
+from orograph.rules import PAPER, SURFACE, Rules
 from pydantic import ValidationError
 
 
 def test_rules_by_name_and_by_numbers():
     assert Rules.of("paper") == Rules() == PAPER
-    assert Rules.of("default") == Rules(60.0, 1.0) == DEFAULT
+    assert Rules.of("surface") == Rules.default() == SURFACE
     own = Rules(5, 2, 20, True)
     assert Rules.of(own) is own
 
 
 def test_the_whole_form_has_no_ageing_as_0_and_no_gate_as_minus_1():
     assert PAPER.whole()[:2] == (0, -1)
-    assert DEFAULT.whole() == (60_000, 1_000, 173_648_178, 984_807_753, False, False)
+    assert GATED.whole() == (60_000, 1_000, 173_648_178, 984_807_753, False, False)
     assert Rules(2.5, 0.25, printed_equation_12=True).whole()[:2] == (2_500, 250)
     assert Rules(1e-9).whole().half_life_ms == 1, "0 would be none"
     steep = Rules(similarity_deg=80).whole()
@@ -24,8 +25,8 @@ def test_the_whole_form_has_no_ageing_as_0_and_no_gate_as_minus_1():
 
 
 def test_the_real_form_fuses_occupation_like_height_at_map_level():
-    assert DEFAULT.real(0.3)[:2] == (60_000.0, 1.0)
-    assert DEFAULT.real(0.3).slope_max == 0.3 and math.isnan(DEFAULT.real(None).slope_max)
+    assert GATED.real(0.3)[:2] == (60_000.0, 1.0)
+    assert GATED.real(0.3).slope_max == 0.3 and math.isnan(GATED.real(None).slope_max)
 
 
 @pytest.mark.parametrize("bad", [

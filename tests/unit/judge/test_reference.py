@@ -70,7 +70,7 @@ def test_the_oldest_are_thrown_away(
 ) -> None:
     monkeypatch.setattr(reference, "KEPT_MAX", 2)
     for robots in (1, 2):
-        for rules in ("paper", "default"):
+        for rules in ("paper", "surface"):
             reference.cached(city_scenario.model_copy(update={"robots": robots, "rules": rules}), tmp_path)
     assert len(made) == 4 and len(list(tmp_path.iterdir())) == 2
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_up.cells import wide
+from made_up.cells import GATED, wide
 from oracles import mapping_oracle as oracle
 from orograph.grid import Grid
 from orograph.layers import MAPPED_LAYERS, CellMap
@@ -14,7 +14,7 @@ from orograph.mapping import fuse, rescale
 from orograph.mapping.cells import map_of, values_of
 from orograph.mapping.fusion_kernels import fuse_cells
 from orograph.mapping.rescaling import expand
-from orograph.rules import DEFAULT, PAPER, Rules
+from orograph.rules import PAPER, Rules
 
 NAN = math.nan
 
@@ -71,8 +71,8 @@ def test_similarity_is_ten_degrees_between_slopes(old_deg, new_deg, similar):
 def test_the_height_gate_is_in_the_default_rules_only():
     near, far = (0.0, 0.0, 0.0, 0.0, 60.0), (1.0625, 0.0, 0.0, 0.0, 50.0)
     assert fused(near, far, PAPER)[4] == 110.0
-    assert fused(near, far, DEFAULT)[4] == 60.0
-    assert fused(near, (1.0, 0.0, 0.0, 0.0, 50.0), DEFAULT)[4] == 110.0
+    assert fused(near, far, GATED)[4] == 60.0
+    assert fused(near, (1.0, 0.0, 0.0, 0.0, 50.0), GATED)[4] == 110.0
 
 
 @pytest.mark.parametrize(("c_old", "c_new", "newer"), [
@@ -120,7 +120,7 @@ cell = st.tuples(st.floats(-20, 20), gradient, gradient, st.floats(0, 1) | st.ju
 )
 RULES = [
     (PAPER, oracle.Rules()),
-    (DEFAULT, oracle.Rules(60.0, 1.0)),
+    (GATED, oracle.Rules(60.0, 1.0)),
     (Rules(1.0, 3.0, 40.0, True), oracle.Rules(1.0, 3.0, 40.0, True)),
 ]
 

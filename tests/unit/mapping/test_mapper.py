@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_up.cells import wide
+from made_up.cells import GATED, wide
 from oracles import mapping_oracle as oracle
 from orograph.geometry import ray_directions, rotation
 from orograph.grid import Grid
@@ -14,7 +14,7 @@ from orograph.mapping.cells import map_of, values_of
 from orograph.mapping.rescaling import expand
 from orograph.messages import REGISTER, UPDATE, Packed
 from orograph.registers import pack
-from orograph.rules import DEFAULT, PAPER
+from orograph.rules import PAPER
 from orograph.scenario import LaserSpec
 from orograph.stages import StageRecorder
 
@@ -31,7 +31,7 @@ def mapper(**changes) -> RobotMapper:
             "glrm_grid": GLRM,
             "hrm_cells": 12,
             "per_glrm_cell": 4,
-            "rules": DEFAULT,
+            "rules": GATED,
             "range_max_m": 80.0,
             "range_min_m": 0.0,
         }
@@ -125,7 +125,7 @@ def test_points_dropped_are_counted_by_reason():
 
 
 def test_the_own_body_and_rays_without_return_are_no_surface():
-    robot = RobotMapper(GLRM, 12, 4, DEFAULT, 80.0)
+    robot = RobotMapper(GLRM, 12, 4, GATED, 80.0)
     listed = see(robot, patch(11.25, 12.5))
     assert not len(listed) and not robot.evidence.known.any()
     assert robot.dropped["below_range"] == 16
@@ -363,7 +363,7 @@ step = st.tuples(st.floats(-2, 36), st.floats(-2, 31), st.integers(0, 90_000), s
 @settings(max_examples=40, deadline=None)
 @given(st.lists(step, min_size=1, max_size=6), st.sampled_from([3, 4]), st.booleans())
 def test_a_whole_run_equals_the_oracle(steps, blocks, paper):
-    rules = (PAPER, oracle.Rules()) if paper else (DEFAULT, oracle.Rules(60.0, 1.0))
+    rules = (PAPER, oracle.Rules()) if paper else (GATED, oracle.Rules(60.0, 1.0))
     robot = mapper(hrm_cells=4 * blocks, rules=rules[0])
     slow = oracle.Robot(GLRM.shape, 5.0, blocks, 4, rules[1], 80.0)
     tick = 0

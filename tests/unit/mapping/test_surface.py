@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_up.cells import GATED
 from oracles.mapping_oracle import distance_factor
 from oracles.surface_oracle import parted
 from orograph.grid import Grid
@@ -17,7 +18,7 @@ from orograph.mapping.rescaling_kernels import rescale_block
 from orograph.mapping.seeing import Rays
 from orograph.mapping.surface_kernels import FLAT, NEITHER, STEP
 from orograph.registers import pack
-from orograph.rules import DEFAULT, SURFACE
+from orograph.rules import SURFACE
 
 GLRM = Grid((0.0, 0.0), 5.0, (8, 8))
 EYE = (20.0, 20.0, 0.9)
@@ -141,7 +142,7 @@ def test_a_row_comes_back_unchanged_and_its_walls_wait_for_a_first_look():
 
 
 def test_rules_of_one_surface_know_nothing_of_what_stands():
-    robot = mapper(DEFAULT)
+    robot = mapper(GATED)
     see(robot, np.vstack([disc(), wall(26.2, 3.0)]), 0)
     assert set(robot.evidence.by_name) & {"height_top", "wall_share", "free_share"} == set()
 

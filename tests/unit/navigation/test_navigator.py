@@ -258,7 +258,7 @@ def test_it_takes_the_ground_from_the_prior_map_and_not_from_the_world(prior, z_
 
 def test_under_a_roof_of_a_prior_of_one_surface_it_knows_no_ground():
     house = {"footprint": [[30, 30], [50, 30], [50, 50], [30, 50]], "height_m": 5.0}
-    for rules, under_m in (("default", None), ("surface", 4.0)):
+    for rules, under_m in (("paper", None), ("surface", 4.0)):
         world = scenario_of([(60, 12)], terrain={"height_m": 4.0}, buildings=[house], rules=rules)
         navigator = Navigator(Site(world), "robot_001")
         assert [navigator.ground_m(x, 42.0) for x in (20.0, 42.0, 130.0)] == [4.0, under_m, None]

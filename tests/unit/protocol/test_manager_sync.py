@@ -8,7 +8,7 @@ from orograph.messages import UPDATE, Ack, Batch, CellsRequest, Delta, Digest, F
 from orograph.protocol.limits import LIMITS, Limits
 from orograph.protocol.manager import ManagerSync
 from orograph.protocol.store import MemoryStore, StoreFailed
-from orograph.rules import DEFAULT
+from orograph.rules import SURFACE
 
 SHAPE = (40, 40)
 SIZE = 1600
@@ -38,7 +38,7 @@ class Played:
         self.restart()
 
     def restart(self):
-        self.sync = ManagerSync(SHAPE, some_prior(), DEFAULT, self.store, [A, B], limits=self.limits)
+        self.sync = ManagerSync(SHAPE, some_prior(), SURFACE, self.store, [A, B], limits=self.limits)
 
     def step(self, *inbox, seconds=0.1):
         self.now_ns += round(seconds * 1e9)
@@ -280,7 +280,7 @@ def test_no_number_of_a_life_or_an_epoch_is_given_twice_by_different_stores():
     for draw in (70_000, 1_900_000_000):
         manager = Played()
         for life in range(3):
-            manager.sync = ManagerSync(SHAPE, some_prior(), DEFAULT, manager.store, [A, B], draw=draw + life)
+            manager.sync = ManagerSync(SHAPE, some_prior(), SURFACE, manager.store, [A, B], draw=draw + life)
             manager.step((A, Hello(bytes([life]) * 16)), (B, Hello(b"b" * 16)))
             lives.append(manager.sync.manager_epoch)
             epochs.append(manager.sync.epoch(A))

@@ -51,7 +51,7 @@ def test_cells_covered_enough_hold_a_building_of_the_priors_height():
     told = {"terrain": {"height_m": 1.0}, "buildings": buildings, "prior": prior}
     roofs = np.zeros((4, 6), bool)
     roofs[0, 0] = roofs[2, 3] = roofs[2, 4] = True
-    one, two = (prior_records(scenario(rules=rules, **told)).reshape(4, 6) for rules in ("default", "surface"))
+    one, two = (prior_records(scenario(rules=rules, **told)).reshape(4, 6) for rules in ("paper", "surface"))
     np.testing.assert_array_equal(one["height"], np.where(roofs, 9000, 1000))
     for name in ("gradient_x", "gradient_y"):
         np.testing.assert_array_equal(one[name], np.where(roofs, UNKNOWN_GRADIENT, 0))
