@@ -18,7 +18,7 @@ def test_a_folder_of_scans_becomes_maps(tmp_path: Path, monkeypatch: pytest.Monk
         xy = rng.uniform(480, 520, (5_000, 2))
         points = np.column_stack([xy, 0.1 * xy[:, 0]])
         np.savez(tmp_path / f"scans/{i:03d}.npz", points=points, ranges_m=np.full(len(xy), 20.0),
-                 position_m=np.array([500.0, 500.0, 1.0]), stamp_ns=i * 400_000_000)  # fmt: skip
+                 position_m=np.array([500.0, 500.0, 51.0]), stamp_ns=i * 400_000_000)  # fmt: skip
     monkeypatch.chdir(tmp_path)
     exec(compile(code, "README.md", "exec"), {})
     with np.load("glrm.npz") as glrm:
