@@ -10,10 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from orograph.arrays import I64
-from orograph.layers import CONFIDENCE, CONFIDENCE_TOP, HEIGHT_TOP, UNKNOWN_HEIGHT
+from orograph.layers import CONFIDENCE, UNKNOWN_HEIGHT
 from orograph.messages import Packed
 from orograph.protocol import fold_kernels as kernels
 from orograph.protocol.fold import AGEING
+from orograph.protocol.fold_kernels import Cell, Ground
 from orograph.registers import numbers
 from orograph.rules import Rules, WholeRules
 
@@ -43,7 +44,7 @@ class Step:
     decided: str
     """The rule that decided on the ground."""
     bars: str
-    """`barred`, `doubtful` or `by slope`: what this and those before say of driving; nothing by rules of one surface."""
+    """`barred`, `doubtful` or `by slope`: what all up to this say of driving; by rules of one surface nothing."""
     held: I64
     """The cell (WIDTH,) after it, without what comes later."""
 
@@ -64,39 +65,49 @@ def explain(prior: Packed, registers: Packed, rules: Rules) -> Explanation:
 
     Registers without confidence are no contributions.
     """
-    told, whole = numbers(prior), rules.whole()
+    told, whole = _cell(numbers(prior)), rules.whole()
     some = registers[(registers["confidence"] > 0) | (registers["confidence_top"] > 0)]
     some = some[np.lexsort((some["robot"], some["tick"]))]
     way = _one_surface if not whole.two_surfaces else _two_surfaces
     steps, result = way(told, some, whole)
-    return Explanation(int(prior["cell"]), tuple(steps), result)
+    return Explanation(int(prior["cell"]), tuple(steps), _whole(result))
 
 
-def _one_surface(told: I64, registers: Packed, rules: WholeRules) -> tuple[list[Step], I64]:
-    held, confidence = told.copy(), int(told[CONFIDENCE]) * ONE
-    steps = [_step(None, told, confidence, 0, (None, "does not age"), "", held)]
+def _cell(whole: I64) -> Cell:
+    values = whole.tolist()
+    return Cell(Ground(*values[:CONFIDENCE]), *values[CONFIDENCE:])
+
+
+def _whole(cell: Cell) -> I64:
+    return np.array([*cell.ground, *cell[1:]])
+
+
+def _one_surface(told: Cell, registers: Packed, rules: WholeRules) -> tuple[list[Step], Cell]:
+    held, confidence = told.ground, told.confidence * ONE
+    shown = Cell(held, told.confidence, UNKNOWN_HEIGHT, 0, 0, 0)
+    steps = [_step(None, told, confidence, 0, (None, "does not age"), "", shown)]
     for register in registers:
-        new = numbers(register)
-        weight = _aged(new[CONFIDENCE], register, registers, rules)
-        verdict = _verdict(held, confidence, new, weight, rules)
-        confidence = kernels.fuse_cell(held, confidence, new, weight, rules)
-        held[CONFIDENCE] = _rounded(confidence)
-        steps.append(_step(register, new, weight, 0, verdict, "", held))
-    return steps, held
+        new = _cell(numbers(register))
+        weight = _aged(new.confidence, register, registers, rules)
+        verdict = _verdict(held, confidence, new.ground, weight, rules)
+        held, confidence = kernels.fuse_ground(held, confidence, new.ground, weight, rules)
+        shown = shown._replace(ground=held, confidence=kernels.rounded(confidence))
+        steps.append(_step(register, new, weight, 0, verdict, "", shown))
+    return steps, shown
 
 
-def _two_surfaces(told: I64, registers: Packed, rules: WholeRules) -> tuple[list[Step], I64]:
-    held, so_far, steps = told.copy(), kernels.begin_surfaces(told), list[Step]()
+def _two_surfaces(told: Cell, registers: Packed, rules: WholeRules) -> tuple[list[Step], Cell]:
+    so_far, steps = kernels.begin_surfaces(told), list[Step]()
     for register in registers:
-        new = numbers(register)
-        weight, top_weight = (_aged(new[k], register, registers, rules) for k in (CONFIDENCE, CONFIDENCE_TOP))
-        verdict = _verdict(held, so_far.ground, new, weight, rules)
-        so_far = kernels.fuse_surfaces(held, so_far, new, weight, top_weight, rules)
-        steps.append(_step(register, new, weight, top_weight, verdict, _bars(so_far), _shown(held, so_far)))
-    left = max(0, int(told[CONFIDENCE]) * ONE - so_far.ground)
-    top_left = 0 if so_far.cleared else max(0, int(told[CONFIDENCE_TOP]) * ONE - so_far.top)
-    verdict = _verdict(held, so_far.ground, told, left, rules)
-    kernels.end_surfaces(held, so_far, told, rules)
+        new = _cell(numbers(register))
+        weight, top_weight = (_aged(c, register, registers, rules) for c in (new.confidence, new.confidence_top))
+        verdict = _verdict(so_far.ground, so_far.confidence, new.ground, weight, rules)
+        so_far = kernels.fuse_surfaces(so_far, new, weight, top_weight, rules)
+        steps.append(_step(register, new, weight, top_weight, verdict, _bars(so_far), _shown(so_far)))
+    left = max(0, told.confidence * ONE - so_far.confidence)
+    top_left = 0 if so_far.cleared else max(0, told.confidence_top * ONE - so_far.top)
+    verdict = _verdict(so_far.ground, so_far.confidence, told.ground, left, rules)
+    held = kernels.end_surfaces(so_far, told, rules)
     steps.append(_step(None, told, left, top_left, verdict, _bars(so_far), held))
     return steps, held
 
@@ -106,7 +117,7 @@ def _aged(confidence: int, register: np.void, among: Packed, rules: WholeRules) 
     return int(kernels.aged(confidence, age_ms, rules.half_life_ms, AGEING))
 
 
-def _verdict(held: I64, confidence: int, new: I64, weight: int, rules: WholeRules) -> tuple[bool | None, str]:
+def _verdict(held: Ground, confidence: int, new: Ground, weight: int, rules: WholeRules) -> tuple[bool | None, str]:
     """Whether two grounds are similar, and the rule by which they become one."""
     if weight == 0:
         return None, "of no weight"
@@ -126,22 +137,19 @@ def _bars(so_far: kernels.Folding) -> str:
     return "barred" if so_far.barred else "doubtful" if so_far.doubtful else "by slope"
 
 
-def _shown(held: I64, so_far: kernels.Folding) -> I64:
-    """The cell so far: its confidences stand in `so_far` until the fold ends."""
-    shown = held.copy()
-    shown[CONFIDENCE], shown[CONFIDENCE_TOP] = _rounded(so_far.ground), _rounded(so_far.top)
-    if so_far.top == 0:
-        shown[HEIGHT_TOP] = UNKNOWN_HEIGHT
-    return shown
-
-
-def _rounded(confidence: int) -> int:
-    return (confidence + ONE // 2) // ONE
+def _shown(so_far: kernels.Folding) -> Cell:
+    """The cell so far, without the prior."""
+    top = kernels.rounded(so_far.top)
+    return Cell(
+        so_far.ground._replace(occupation=so_far.occupation), kernels.rounded(so_far.confidence),
+        so_far.height_top if so_far.top else UNKNOWN_HEIGHT, top, so_far.wall_share, so_far.free_share,
+    )  # fmt: skip
 
 
 def _step(
-    register: np.void | None, said: I64, weight: int, top_weight: int, verdict: tuple[bool | None, str], bars: str,
-    held: I64,
+    register: np.void | None, said: Cell, weight: int, top_weight: int, verdict: tuple[bool | None, str], bars: str,
+    held: Cell,
 ) -> Step:  # fmt: skip
     robot, epoch, seq, tick = (0 if register is None else int(register[n]) for n in ("robot", "epoch", "seq", "tick"))
-    return Step(robot, epoch, seq, tick, said, weight / ONE, top_weight / ONE, *verdict, bars, held.copy())
+    weights = weight / ONE, top_weight / ONE
+    return Step(robot, epoch, seq, tick, _whole(said), *weights, *verdict, bars, _whole(held))

@@ -17,10 +17,9 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph.arrays import I64, Mask
-from orograph.layers import MAPPED_LAYERS, WIDTH
+from orograph.layers import MAPPED_LAYERS
 from orograph.messages import CELL, REGISTER, UPDATE, Packed
 from orograph.protocol.fold_kernels import AGEING_STEPS, fold_cells, fold_surfaces
-from orograph.registers import numbers, put_numbers
 from orograph.rules import Rules
 
 
@@ -45,13 +44,9 @@ def fold(prior: Packed, registers: Packed, rules: Rules) -> Packed:
     robot has no evidence; column i belongs to prior[i] (mapping.md section 5).
     """
     assert registers.ndim == 2 and registers.shape[1:] == prior.shape, (registers.shape, prior.shape)
-    whole = np.empty((len(prior), WIDTH), np.int64)
-    ticks = registers["tick"].astype(np.int64)
-    cells = fold_surfaces if rules.two_surfaces else fold_cells
-    cells(numbers(prior), numbers(registers), ticks, rules.whole(), AGEING, whole)
     out = np.zeros(prior.shape, CELL)
     out["cell"] = prior["cell"]
-    put_numbers(out, whole)
+    (fold_surfaces if rules.two_surfaces else fold_cells)(prior, registers, rules.whole(), AGEING, out)
     return out
 
 

@@ -1,7 +1,7 @@
 """The compiled integer fold of GLRM cells (mapping.md sections 3 and 5); called through `protocol.fold`.
 
 The fold of a cell is a chain of steps, one a contribution, which `protocol.explained` takes one by one and tells of.
-They are inlined: a call per contribution costs a third of the time.
+What they pass on are tuples of integers, which the compiler keeps in registers.
 """
 
 from __future__ import annotations
@@ -13,21 +13,12 @@ from numba import njit
 
 from orograph.arrays import I64
 from orograph.layers import (
-    CONFIDENCE,
-    CONFIDENCE_TOP,
-    FREE_SHARE,
-    GRADIENT_X,
-    GRADIENT_Y,
-    HEIGHT,
-    HEIGHT_TOP,
-    OCCUPATION,
     OCCUPATION_ONE,
     SHARE_ONE,
     UNKNOWN_GRADIENT,
     UNKNOWN_HEIGHT,
     UNKNOWN_OCCUPATION,
-    WALL_SHARE,
-)
+)  # fmt: skip
 from orograph.rules import (
     FREE_SHARE_OPEN,
     FREE_SHARE_SEEN,
@@ -40,6 +31,8 @@ from orograph.rules import (
 
 Whole = Any
 """A signed 64-bit integer; never mix in an unsigned one, numba would go to floating point."""
+Records = Any
+"""Structured arrays with the fields of UPDATE."""
 
 ONE = 256
 """Confidences are held in 1/256 inside the fold, so that ageing loses nothing worth naming."""
@@ -103,174 +96,218 @@ def newer_wins(confidence_old: Whole, confidence_new: Whole, printed: bool) -> W
     return confidence_new >= confidence_old
 
 
+class Ground(NamedTuple):
+    """What section 3 fuses, as signed 64-bit integers."""
+
+    height: Whole
+    gradient_x: Whole
+    gradient_y: Whole
+    occupation: Whole
+
+
+class Cell(NamedTuple):
+    """All that a cell holds, as signed 64-bit integers."""
+
+    ground: Ground
+    confidence: Whole
+    height_top: Whole
+    confidence_top: Whole
+    wall_share: Whole
+    free_share: Whole
+
+
 @njit(cache=True)
-def _order_by_tick(registers: I64, ticks: I64, i: Whole, order: I64) -> Whole:
-    """Rows with evidence in column i, oldest first (rows already ascend by robot, the sort is stable); their number."""
+def _ground(record: Any) -> Ground:
+    """A record is read where it lies: to convert all of them first costs more than to fold them."""
+    slopes = np.int64(record.gradient_x), np.int64(record.gradient_y)
+    return Ground(np.int64(record.height), slopes[0], slopes[1], np.int64(record.occupation))
+
+
+@njit(cache=True)
+def _cell(record: Any) -> Cell:
+    confidences = np.int64(record.confidence), np.int64(record.confidence_top)
+    shares = np.int64(record.wall_share), np.int64(record.free_share)
+    return Cell(_ground(record), confidences[0], np.int64(record.height_top), confidences[1], shares[0], shares[1])
+
+
+@njit(cache=True)
+def _put_ground(ground: Ground, confidence: Whole, record: Any) -> None:
+    record.height, record.gradient_x, record.gradient_y = ground.height, ground.gradient_x, ground.gradient_y
+    record.occupation, record.confidence = ground.occupation, confidence
+
+
+@njit(cache=True)
+def rounded(confidence: Whole) -> Whole:
+    """A confidence in 1/256 as registers hold it."""
+    return (confidence + ONE // 2) // ONE
+
+
+@njit(cache=True)
+def _order_by_tick(registers: Records, i: Whole, with_tops: bool, order: I64, ticks: I64) -> Whole:
+    """Rows with evidence in column i, oldest first (rows already ascend by robot, the sort is stable); their number.
+
+    Their ticks stand beside them in `ticks`.
+    """
     n = 0
     for k in range(registers.shape[0]):
-        if registers[k, i, CONFIDENCE] == 0 and registers[k, i, CONFIDENCE_TOP] == 0:
+        new = registers[k, i]
+        if new.confidence == 0 and not (with_tops and new.confidence_top > 0):
             continue
-        j = n
-        while j > 0 and ticks[order[j - 1], i] > ticks[k, i]:
-            order[j] = order[j - 1]
+        j, tick = n, np.int64(new.tick)
+        while j > 0 and ticks[j - 1] > tick:
+            order[j], ticks[j] = order[j - 1], ticks[j - 1]
             j -= 1
-        order[j] = k
+        order[j], ticks[j] = k, tick
         n += 1
     return n
 
 
 @njit(cache=True)
-def similar(held: I64, new: I64, rules: Any) -> Whole:
+def similar(held: Ground, new: Ground, rules: Any) -> Whole:
     """Whether two cells count as the same surface (mapping.md 3.1)."""
-    if rules.height_gate_mm >= 0 and abs(new[HEIGHT] - held[HEIGHT]) > rules.height_gate_mm:
+    if rules.height_gate_mm >= 0 and abs(new.height - held.height) > rules.height_gate_mm:
         return False
-    return _similar_slopes(held[GRADIENT_X], new[GRADIENT_X], rules.similar_n, rules.similar_d) and _similar_slopes(
-        held[GRADIENT_Y], new[GRADIENT_Y], rules.similar_n, rules.similar_d
+    return _similar_slopes(held.gradient_x, new.gradient_x, rules.similar_n, rules.similar_d) and _similar_slopes(
+        held.gradient_y, new.gradient_y, rules.similar_n, rules.similar_d
     )
 
 
-class Folding(NamedTuple):
-    """What the fold of two surfaces keeps beside a cell's values: weights so far, and what bars the cell."""
+@njit(cache=True)
+def fuse_ground(held: Ground, confidence: Whole, new: Ground, weight: Whole, rules: Any) -> Any:
+    """Section 3 on a contribution of this weight: what it and `held` become, and the confidence, in 1/256."""
+    if weight == 0:
+        return held, confidence
+    if confidence > 0 and similar(held, new, rules):
+        mean = Ground(
+            _mean(held.height, confidence, new.height, weight),
+            _mean_of_known(held.gradient_x, confidence, new.gradient_x, weight, UNKNOWN_GRADIENT),
+            _mean_of_known(held.gradient_y, confidence, new.gradient_y, weight, UNKNOWN_GRADIENT),
+            _mean_of_known(held.occupation, confidence, new.occupation, weight, UNKNOWN_OCCUPATION),
+        )
+        return mean, min(CONFIDENCE_MAX, confidence + weight)
+    if confidence == 0 or newer_wins(confidence, weight, rules.printed):
+        return new, weight
+    return held, confidence
 
-    ground: int
-    top: int
-    of_share: int
-    of_slope: int
+
+@njit(cache=True)
+def fold_cells(prior: Records, registers: Records, rules: Any, ageing: I64, out: Records) -> None:
+    """Fold `registers` (robots, n), rows by robot number, confidence 0 is none, over `prior` (n,) into `out` (n,).
+
+    `rules` are `WholeRules`; `out` is zero before. Nothing is told of what stands.
+    """
+    order, ticks = np.empty(registers.shape[0], np.int64), np.empty(registers.shape[0], np.int64)
+    for i in range(prior.shape[0]):
+        held, confidence = _ground(prior[i]), np.int64(prior[i].confidence) * ONE
+        n = _order_by_tick(registers, i, False, order, ticks)
+        for j in range(n):
+            new = registers[order[j], i]
+            weight = aged(np.int64(new.confidence), ticks[n - 1] - ticks[j], rules.half_life_ms, ageing)
+            held, confidence = fuse_ground(held, confidence, _ground(new), weight, rules)
+        _put_ground(held, rounded(confidence), out[i])
+        out[i].height_top = UNKNOWN_HEIGHT
+
+
+class Folding(NamedTuple):
+    """The fold of two surfaces so far: values, their weights in 1/256, and what bars the cell."""
+
+    ground: Ground
+    confidence: Whole
+    height_top: Whole
+    top: Whole
+    wall_share: Whole
+    free_share: Whole
+    of_share: Whole
+    occupation: Whole
+    of_slope: Whole
     barred: bool
     cleared: bool
     doubtful: bool
 
 
-@njit(cache=True, inline="always")
-def fuse_cell(held: I64, confidence: Whole, new: I64, weight: Whole, rules: Any) -> Whole:
-    """Section 3 on all values of a contribution of this weight, into `held`; returns the confidence."""
-    if weight == 0:
-        return confidence
-    if confidence > 0 and similar(held, new, rules):
-        held[HEIGHT] = _mean(held[HEIGHT], confidence, new[HEIGHT], weight)
-        for k, unknown in (
-            (GRADIENT_X, UNKNOWN_GRADIENT),
-            (GRADIENT_Y, UNKNOWN_GRADIENT),
-            (OCCUPATION, UNKNOWN_OCCUPATION),
-        ):
-            held[k] = _mean_of_known(held[k], confidence, new[k], weight, unknown)
-        return min(CONFIDENCE_MAX, confidence + weight)
-    if confidence == 0 or newer_wins(confidence, weight, rules.printed):
-        held[:] = new
-        return weight
-    return confidence
-
-
 @njit(cache=True)
-def fold_cells(prior: I64, registers: I64, ticks: I64, rules: Any, ageing: I64, out: I64) -> None:
-    """Fold `registers` (robots, n, WIDTH) of `ticks` (robots, n) over `prior` (n, WIDTH) into `out` (n, WIDTH).
-
-    Rows are by robot number; confidence 0 is none. `rules` are `WholeRules`.
-    """
-    order = np.empty(registers.shape[0], np.int64)
-    for i in range(prior.shape[0]):
-        held = out[i]
-        held[:] = prior[i]
-        confidence: Whole = held[CONFIDENCE] * ONE
-        n = _order_by_tick(registers, ticks, i, order)
-        newest_tick = ticks[order[n - 1], i] if n else 0
-        for j in range(n):
-            new = registers[order[j], i]
-            weight = aged(new[CONFIDENCE], newest_tick - ticks[order[j], i], rules.half_life_ms, ageing)
-            confidence = fuse_cell(held, confidence, new, weight, rules)
-        held[CONFIDENCE] = (confidence + ONE // 2) // ONE
-
-
-@njit(cache=True)
-def _fuse_ground(held: I64, confidence: Whole, new: I64, weight: Whole, rules: Any) -> Whole:
-    """Section 3 on height and gradients of two contributions, into `held`; returns the confidence."""
-    if weight == 0:
-        return confidence
-    if confidence > 0 and similar(held, new, rules):
-        held[HEIGHT] = _mean(held[HEIGHT], confidence, new[HEIGHT], weight)
-        for k in (GRADIENT_X, GRADIENT_Y):
-            held[k] = _mean_of_known(held[k], confidence, new[k], weight, UNKNOWN_GRADIENT)
-        return min(CONFIDENCE_MAX, confidence + weight)
-    if confidence == 0 or newer_wins(confidence, weight, rules.printed):
-        held[HEIGHT], held[GRADIENT_X], held[GRADIENT_Y] = new[HEIGHT], new[GRADIENT_X], new[GRADIENT_Y]
-        return weight
-    return confidence
-
-
-@njit(cache=True, inline="always")
-def begin_surfaces(told: I64) -> Any:
-    """The fold of two surfaces before any contribution, over the prior `told` (WIDTH,)."""
+def begin_surfaces(told: Cell) -> Any:
+    """The fold of two surfaces before any contribution, over the prior `told`."""
     none: Whole = np.int64(0)
-    return Folding(none, none, none, none, told[WALL_SHARE] > 0 and told[OCCUPATION] == OCCUPATION_ONE, False, False)
+    occupation = told.ground.occupation
+    barred = told.wall_share > 0 and occupation == OCCUPATION_ONE
+    return Folding(
+        told.ground, none, told.height_top, none, told.wall_share, told.free_share, none, occupation, none, barred,
+        False, False,
+    )  # fmt: skip
 
 
-@njit(cache=True, inline="always")
-def fuse_surfaces(held: I64, so_far: Any, new: I64, weight: Whole, top_weight: Whole, rules: Any) -> Any:
-    """One contribution of these weights into `held` (mapping.md 7.5): each surface, and what bars, on its own."""
+@njit(cache=True)
+def fuse_surfaces(so_far: Folding, new: Cell, weight: Whole, top_weight: Whole, rules: Any) -> Any:
+    """The fold after a contribution of these weights (mapping.md 7.5): each surface, and what bars, on its own."""
     either = max(weight, top_weight)
     if either == 0:
         return so_far
-    ground, top, of_share, of_slope, barred, cleared, doubtful = so_far
-    ground = _fuse_ground(held, ground, new, weight, rules)
-    for k in (WALL_SHARE, FREE_SHARE):
-        held[k] = _mean(held[k], of_share, new[k], either)
-    walls, free = new[WALL_SHARE], new[FREE_SHARE]
+    _, _, height_top, top, wall_share, free_share, of_share, occupation, of_slope, barred, cleared, doubtful = so_far
+    ground, confidence = fuse_ground(so_far.ground, so_far.confidence, new.ground, weight, rules)
+    walls, free = new.wall_share, new.free_share
+    wall_share, free_share = _mean(wall_share, of_share, walls, either), _mean(free_share, of_share, free, either)
     open_ = 2 * free + min(walls, RIM) > 2 * FREE or (walls == 0 and free >= SEEN)
-    sure = new[CONFIDENCE_TOP] >= TOP_SURE
+    sure = new.confidence_top >= TOP_SURE
     shows = not open_ and walls > 0 and (sure or walls > FEW_WALLS)
     barred = not open_ and (barred or (shows and sure and walls + free >= HALF))
     doubtful = not open_ and (doubtful or shows)
     if not shows:
-        known = held[OCCUPATION] if of_slope > 0 else UNKNOWN_OCCUPATION
-        held[OCCUPATION] = _mean_of_known(known, of_slope, new[OCCUPATION], weight, UNKNOWN_OCCUPATION)
+        known = occupation if of_slope > 0 else UNKNOWN_OCCUPATION
+        occupation = _mean_of_known(known, of_slope, new.ground.occupation, weight, UNKNOWN_OCCUPATION)
         of_slope += weight
     if open_ and walls == 0:
         top, cleared = np.int64(0), True
     elif top_weight > 0:
-        held[HEIGHT_TOP] = new[HEIGHT_TOP] if top == 0 else max(held[HEIGHT_TOP], new[HEIGHT_TOP])
+        height_top = new.height_top if top == 0 else max(height_top, new.height_top)
         top, cleared = min(CONFIDENCE_MAX, top + top_weight), False
-    return Folding(ground, top, of_share + either, of_slope, barred, cleared, doubtful)
-
-
-@njit(cache=True, inline="always")
-def end_surfaces(held: I64, so_far: Any, told: I64, rules: Any) -> None:
-    """What remains of the prior `told` (WIDTH,) into `held`: of each confidence, what it has more than the robots."""
-    ground, top, _, _, barred, cleared, doubtful = so_far
-    left = told[CONFIDENCE] * ONE - ground
-    if left > 0:
-        ground = _fuse_ground(held, ground, told, left, rules)
-    left = 0 if cleared else told[CONFIDENCE_TOP] * ONE - top
-    if left > 0:
-        held[HEIGHT_TOP] = told[HEIGHT_TOP] if top == 0 else _mean(held[HEIGHT_TOP], top, told[HEIGHT_TOP], left)
-        top += left
-    if top == 0:
-        held[HEIGHT_TOP] = UNKNOWN_HEIGHT
-    if barred:
-        held[OCCUPATION] = OCCUPATION_ONE
-    elif doubtful:
-        held[OCCUPATION] = DOUBTFUL
-    elif held[OCCUPATION] == UNKNOWN_OCCUPATION and told[OCCUPATION] < OCCUPATION_ONE:
-        held[OCCUPATION] = told[OCCUPATION]
-    held[CONFIDENCE], held[CONFIDENCE_TOP] = (ground + ONE // 2) // ONE, (top + ONE // 2) // ONE
+    return Folding(
+        ground, confidence, height_top, top, wall_share, free_share, of_share + either, occupation, of_slope, barred,
+        cleared, doubtful,
+    )  # fmt: skip
 
 
 @njit(cache=True)
-def fold_surfaces(prior: I64, registers: I64, ticks: I64, rules: Any, ageing: I64, out: I64) -> None:
+def end_surfaces(so_far: Folding, told: Cell, rules: Any) -> Any:
+    """The cell with what remains of the prior `told`: of each confidence, what it has more than the robots."""
+    ground, confidence, occupation = so_far.ground, so_far.confidence, so_far.occupation
+    height_top, top = so_far.height_top, so_far.top
+    left = told.confidence * ONE - confidence
+    if left > 0:
+        ground, confidence = fuse_ground(ground, confidence, told.ground, left, rules)
+    left = 0 if so_far.cleared else told.confidence_top * ONE - top
+    if left > 0:
+        height_top = told.height_top if top == 0 else _mean(height_top, top, told.height_top, left)
+        top += left
+    if top == 0:
+        height_top = UNKNOWN_HEIGHT
+    if so_far.barred:
+        occupation = OCCUPATION_ONE
+    elif so_far.doubtful:
+        occupation = DOUBTFUL
+    elif occupation == UNKNOWN_OCCUPATION and told.ground.occupation < OCCUPATION_ONE:
+        occupation = told.ground.occupation
+    ground = Ground(ground.height, ground.gradient_x, ground.gradient_y, occupation)
+    return Cell(ground, rounded(confidence), height_top, rounded(top), so_far.wall_share, so_far.free_share)
+
+
+@njit(cache=True)
+def fold_surfaces(prior: Records, registers: Records, rules: Any, ageing: I64, out: Records) -> None:
     """`fold_cells` for rules of two surfaces (mapping.md 7.2-3).
 
     The contributions are fused first; of the prior's confidence in a surface there remains what it has more than they.
     """
-    order = np.empty(registers.shape[0], np.int64)
+    order, ticks = np.empty(registers.shape[0], np.int64), np.empty(registers.shape[0], np.int64)
     for i in range(prior.shape[0]):
-        held, told = out[i], prior[i]
-        held[:] = told
+        told = _cell(prior[i])
         so_far = begin_surfaces(told)
-        n = _order_by_tick(registers, ticks, i, order)
-        newest_tick = ticks[order[n - 1], i] if n else 0
+        n = _order_by_tick(registers, i, True, order, ticks)
         for j in range(n):
-            new = registers[order[j], i]
-            age_ms = newest_tick - ticks[order[j], i]
-            weight = aged(new[CONFIDENCE], age_ms, rules.half_life_ms, ageing)
-            top_weight = aged(new[CONFIDENCE_TOP], age_ms, rules.half_life_ms, ageing)
-            so_far = fuse_surfaces(held, so_far, new, weight, top_weight, rules)
-        end_surfaces(held, so_far, told, rules)
+            new, age_ms = _cell(registers[order[j], i]), ticks[n - 1] - ticks[j]
+            weight = aged(new.confidence, age_ms, rules.half_life_ms, ageing)
+            top_weight = aged(new.confidence_top, age_ms, rules.half_life_ms, ageing)
+            so_far = fuse_surfaces(so_far, new, weight, top_weight, rules)
+        cell = end_surfaces(so_far, told, rules)
+        _put_ground(cell.ground, cell.confidence, out[i])
+        out[i].height_top, out[i].confidence_top = cell.height_top, cell.confidence_top
+        out[i].wall_share, out[i].free_share = cell.wall_share, cell.free_share
