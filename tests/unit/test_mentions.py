@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from orograph.storage.run_folder import REPORT, RUN, SCENARIO, SUMMARY, WORLD
+from orograph.storage.run_folder import MAP_INFO, REPORT, RUN, SCENARIO, SUMMARY, WORLD
 
 ROOT = Path(__file__).parents[2]
 LOOKED_IN = (ROOT, ROOT / "shared/orograph", ROOT / "docs", ROOT / "ops", ROOT / "tests")
@@ -25,7 +25,7 @@ FOLDER_IN_DOCS = re.compile(r"`(?P<path>[a-z_]+(?:/[a-z_-]+)*)/`")
 CODE_IN_CODE = re.compile(r"(?<![\w./-])(?P<path>(?:[a-z_]+/)+[a-z_]+\.py)(?::(?P<name>\w+))?")
 EQUATION = re.compile(r"\bEq\. (\d+)(?:-(\d+))?(?:, (?:Eq\. )?(\d+))?")
 EQUATIONS = 12
-MADE_BY_RUNS = {Path(file).name for file in (REPORT, SUMMARY, RUN, WORLD, SCENARIO)}
+MADE_BY_RUNS = {Path(file).name for file in (REPORT, SUMMARY, RUN, WORLD, SCENARIO, MAP_INFO)}
 
 
 def _tracked(*patterns: str) -> list[Path]:

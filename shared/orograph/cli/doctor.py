@@ -24,6 +24,8 @@ MODULES = {
     "laser": ("embreex", "trimesh"),
     "mission": ("ortools.constraint_solver.pywrapcp",),
     "osm": ("osmium", "pyproj"),
+    "scans": ("laspy", "pypcd4", "pyproj", "rosbags", "trimesh"),
+    "export": ("laspy", "pyproj", "rasterio", "rosbags", "trimesh"),
 }  # fmt: skip
 """Importable names by the extra that brings them ('' is what every installation has)."""
 PORTS_NEEDED = 2

@@ -14,6 +14,7 @@ from orograph.arrays import F32, I32, I64, U1, Mask
 from orograph.grid import Grid
 from orograph.layers import CONFIDENCE, CONFIDENCE_TOP, FREE_SHARE, WIDTH
 from orograph.mapping.cells import Cells, Ticks, Values, unknown_values
+from orograph.mapping.fine import FineBlocks
 from orograph.mapping.fusion_kernels import fuse_cells
 from orograph.mapping.rescaling_kernels import expand_blocks, mark_blocks, rescale_marked
 from orograph.mapping.rolling import roll_into
@@ -24,12 +25,16 @@ from orograph.rules import RealRules
 class Evidence:
     """Fine values (HRM, rolling) and coarse values (one GLRM) with the tick [ms] of each cell's newest scan."""
 
-    def __init__(self, glrm: Grid, hrm_cells: int, per_glrm_cell: int) -> None:
-        """The window is placed by the first `roll_to`; `hrm_cells` is a multiple of `per_glrm_cell`."""
+    def __init__(self, glrm: Grid, hrm_cells: int, per_glrm_cell: int, keep_fine: bool = False) -> None:
+        """The window is placed by the first `roll_to`; `hrm_cells` is a multiple of `per_glrm_cell`.
+
+        With `keep_fine`, what rolls out comes back whole.
+        """
         assert hrm_cells % per_glrm_cell == 0, (hrm_cells, per_glrm_cell)
         self.glrm, self.factor = glrm, per_glrm_cell
         self.blocks = hrm_cells // per_glrm_cell
         """Blocks on a side of the window."""
+        self.kept = FineBlocks(self.blocks, per_glrm_cell) if keep_fine else None
         self.coarse, self.coarse_ticks = unknown_values(glrm.size), np.zeros(glrm.size, np.uint32)
         self.values, self.ticks = unknown_values(hrm_cells**2), np.zeros(hrm_cells**2, np.uint32)
         self.window: tuple[int, int] | None = None
@@ -114,6 +119,21 @@ class Evidence:
         self._fuse_fine(cells, np.repeat(values[within], each, axis=0), np.repeat(ticks[within], each), fine)
         self.rescale(cells)
 
+    def fine(self) -> tuple[Grid, Values]:
+        """All that was kept and the window, as one grid and its values; asserts `keep_fine`."""
+        assert self.kept is not None and self.window is not None
+        self.kept.keep((self.values, self.ticks, self.standing), self.window, np.ones_like(self.stale))
+        return self.kept.assembled(self.glrm)
+
+    @property
+    def fine_blocks(self) -> tuple[int, int]:
+        """Blocks from the first to the last row and column of what is kept and of the window; asserts `keep_fine`."""
+        assert self.kept is not None and self.window is not None
+        row, col = self.window
+        first_row, first_col, end_row, end_col = self.kept.bounds() or (row, col, row, col)
+        rows = max(end_row, row + self.blocks) - min(first_row, row)
+        return rows, max(end_col, col + self.blocks) - min(first_col, col)
+
     def known_cells(self) -> Cells:
         """GLRM cells with any evidence, ascending."""
         told = self.coarse[:, [CONFIDENCE, CONFIDENCE_TOP, FREE_SHARE]] > 0
@@ -127,6 +147,10 @@ class Evidence:
             roll_into(entered, np.zeros_like(entered), moved)
             roll_into(self.stale, was_stale, moved)
             old, (values, ticks, standing) = (self.values, self.ticks, self.standing), self._spare
+            if self.kept is not None:
+                leaving = np.ones_like(self.stale)
+                roll_into(leaving, np.zeros_like(leaving), (-moved[0], -moved[1]))
+                self.kept.keep(old, left, leaving)
             moved = moved[0] * self.factor, moved[1] * self.factor
             roll_into(values.reshape(side, side, WIDTH), old[0].reshape(side, side, WIDTH), moved)
             roll_into(ticks.reshape(side, side), old[1].reshape(side, side), moved)
@@ -138,6 +162,8 @@ class Evidence:
         values, ticks = unknown_values(len(blocks)), np.zeros(len(blocks), np.uint32)
         values[inside], ticks[inside] = self.coarse[glrm_cells[inside]], self.coarse_ticks[glrm_cells[inside]]
         self._expand(blocks, values, ticks)
+        if self.kept is not None:
+            self.kept.put_back((self.values, self.ticks, self.standing), window, entered)
 
     def _expand(self, blocks: Cells, values: Values, ticks: Ticks) -> None:
         self.stale.reshape(-1)[blocks] = True

@@ -42,14 +42,15 @@ class RobotMapper:
     def __init__(
         self, glrm_grid: Grid, hrm_cells: int, per_glrm_cell: int, rules: Rules, range_max_m: float,
         slope_max: float = SLOPE_MAX, given: Given | None = None, stage: Stage = untimed,
-        range_min_m: float = RANGE_MIN_M,
+        range_min_m: float = RANGE_MIN_M, keep_fine: bool = False,
     ) -> None:  # fmt: skip
         """`given`: the GLRM's gps_quality and communications layers; `stage` times the rows of the paper's Table 2.
 
-        Points nearer than `range_min_m` are no surface; raises ValueError for ranges and slopes that cannot be.
+        Points nearer than `range_min_m` are no surface; raises ValueError for ranges and slopes that cannot be. With
+        `keep_fine` all HRM cells are kept, on the GLRM or off it.
         """
         positive("slope_max", slope_max)
-        self._evidence = Evidence(glrm_grid, hrm_cells, per_glrm_cell)
+        self._evidence = Evidence(glrm_grid, hrm_cells, per_glrm_cell, keep_fine)
         self._reconstructor = Reconstructor(
             hrm_cells**2, positive("range_max_m", range_max_m), rules.real(slope_max), stage
         )
@@ -116,6 +117,8 @@ class RobotMapper:
     def _count_outside_map(self, points: npt.NDArray[Any]) -> None:
         """Points in the HRM and beyond the GLRM are mapped as long as they are in sight, and lost to everybody else."""
         window, whole = self._evidence.grid.extent_m, self._evidence.glrm.extent_m
+        if self._evidence.kept is not None:
+            return
         if window[0] >= whole[0] and window[1] >= whole[1] and window[2] <= whole[2] and window[3] <= whole[3]:
             return
         self._outside_map += int((within(points, window) & ~within(points, whole)).sum())
@@ -163,6 +166,16 @@ class RobotMapper:
         """The HRM of own evidence alone."""
         given = expand(self._cut(self._given), self._evidence.factor)
         return map_of(self._evidence.values, self._evidence.grid, (given.gps_quality, given.communications))
+
+    def fine(self) -> CellMap:
+        """Every HRM cell of own evidence; asserts `keep_fine` and that there was a scan."""
+        grid, values = self._evidence.fine()
+        return map_of(values, grid)
+
+    @property
+    def fine_blocks(self) -> tuple[int, int]:
+        """How many GLRM cells high and wide `fine` is at most."""
+        return self._evidence.fine_blocks
 
     def llrm(self) -> CellMap:
         """The HRM's area on GLRM cells, own evidence alone."""

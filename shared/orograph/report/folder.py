@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from orograph.judge import reference, summary
-from orograph.layers import CellMap
 from orograph.report import page
 from orograph.storage.parts import read_parts
+from orograph.storage.recorded_map import map_arrays
 from orograph.storage.run_folder import EVENTS, GLRM, REPORT, SUMMARY, cache_folder, hrm_file, write_arrays, write_whole
 
 
@@ -25,14 +21,9 @@ def compose(out: Path, cache: Path | None = None) -> Path:
     parts = read_parts(out)
     verdict = summary.judge(parts, reference.cached(parts.scenario, cache or cache_folder()))
     write_whole(out / EVENTS, "".join(json.dumps(e, sort_keys=True) + "\n" for e in parts.events))
-    write_arrays(out / GLRM, _arrays(verdict.glrm))
+    write_arrays(out / GLRM, map_arrays(verdict.glrm))
     for robot, hrm in parts.hrms():
-        write_arrays(out / hrm_file(robot), _arrays(hrm))
+        write_arrays(out / hrm_file(robot), map_arrays(hrm))
     write_whole(out / REPORT, page.render(parts, verdict))
     verdict.summary.write(out)
     return out / SUMMARY
-
-
-def _arrays(cells: CellMap) -> dict[str, npt.NDArray[Any]]:
-    """A map's layers, with where it lies."""
-    return {"origin_m": np.array(cells.grid.origin_m), "cell_m": np.array(cells.grid.cell_m), **dict(cells.layers())}

@@ -35,12 +35,12 @@ def change(prior: float, final: float, digits: int, better: int) -> str:
 
 def render_study(title: str, rows: list[StudyRow]) -> str:
     """study.html: the paper's Table 3 beside ours, as one self-contained page."""
-    return _template("study.html.j2").render(title=title, rows=rows, picture=mapping_times(rows))
+    return template("study.html.j2").render(title=title, rows=rows, picture=mapping_times(rows))
 
 
 def render(parts: RunParts, verdict: Verdict) -> str:
     """The whole page as HTML text without any outside request."""
-    return _template("report.html.j2").render(
+    return template("report.html.j2").render(
         parts=parts,
         run=parts.run,
         machine=parts.run.machine,
@@ -59,7 +59,8 @@ def render(parts: RunParts, verdict: Verdict) -> str:
     )
 
 
-def _template(name: str) -> jinja2.Template:
+def template(name: str) -> jinja2.Template:
+    """One of the pages, with its style and filters."""
     source = resources.files("orograph.report").joinpath(name).read_text(encoding="utf-8")
     style = resources.files("orograph.report").joinpath("style.css.j2").read_text(encoding="utf-8")
     loader = jinja2.DictLoader({name: source, "style.css.j2": style})

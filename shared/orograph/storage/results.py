@@ -30,7 +30,7 @@ class _Frozen(BaseModel):
     model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
 
 
-class _Result(_Frozen):
+class Result(_Frozen):
     """Written as one file of the run folder."""
 
     FILE: ClassVar[str]
@@ -49,7 +49,7 @@ class _Result(_Frozen):
             raise FolderError(f"{out / cls.FILE}: {place}: {error.errors()[0]['msg']}") from None
 
 
-class Start(_Result):
+class Start(Result):
     """When a run was begun: said in its folder, as whoever ends it may not have begun it."""
 
     FILE: ClassVar[str] = START
@@ -57,7 +57,7 @@ class Start(_Result):
     unix_s: float
 
 
-class WorldResult(_Result):
+class WorldResult(Result):
     """How the world saw the run end."""
 
     FILE: ClassVar[str] = WORLD
@@ -225,7 +225,7 @@ class StudyRow(_Frozen):
     """Folder of the run, beside study.json."""
 
 
-class Study(_Result):
+class Study(Result):
     """One scenario with different numbers of robots."""
 
     FILE: ClassVar[str] = STUDY
@@ -249,7 +249,7 @@ class Contact(_Frozen):
     y_m: float
 
 
-class Summary(_Result):
+class Summary(Result):
     """A judged run: what people and tests read first."""
 
     FILE: ClassVar[str] = SUMMARY

@@ -20,6 +20,8 @@ from orograph.errors import InputError
 
 SUMMARY, REPORT, EVENTS, GLRM = "summary.json", "report.html", "events.jsonl", "glrm.npz"
 """What a finished folder holds; the summary is written last, so that its presence says "finished"."""
+MAP, MAP_INFO = "map.npz", "map.json"
+"""What a folder holds that was mapped from recordings, beside its report; the second is written last."""
 LOGS, STORE = "logs", "map.sqlite"
 PARTS = "parts"
 SCENARIO, RUN, WORLD = f"{PARTS}/scenario.json", f"{PARTS}/run.json", f"{PARTS}/world.json"
