@@ -55,7 +55,7 @@ def _direct(cluster_run: ClusterRun, settings: Settings, watchdog: Watchdog, sta
         briefing = cluster_run.begin(bus, watchdog)
         robots = briefing.scenario.robot_ids
         nodes.append(OrchestratorNode(Site(briefing.scenario), robots, briefing.scenario.seed))
-        claims = Claims(robots, nodes[0].present, start_with)
+        claims = Claims(robots, nodes[0].present, start_with, lambda: nodes[0].revoked)
         claims.attend(bus)
         answer(bus, briefing)
         bus.answer(keys.STATUS, lambda: nodes[0].status.of_run(briefing.run, claims.holders()), keys.RADIO)

@@ -11,7 +11,7 @@ from typing import ClassVar, Final, Literal
 
 from orograph import keys
 from orograph.fields import Part, choice, flag, holds, integer, number, text
-from orograph.keys import ORCHESTRATOR, RADIO, ROBOT_SERVICES, SIM, WORLD
+from orograph.keys import MANAGER, ORCHESTRATOR, RADIO, ROBOT_SERVICES, SIM, WORLD
 from orograph.kinds import Each, Maybe, Number, Raw, Table, Text, Whole
 from orograph.messages import CELLS_MAX, KINDS, PHASES, ROBOTS_MAX, STATES, U4, WAYPOINTS_MAX
 from orograph.routes import ANYONE, PEOPLE, Route, Routed
@@ -134,6 +134,7 @@ class RobotState:
     x_m: float = number(-1e6, 1e6)
     y_m: float = number(-1e6, 1e6)
     waypoints_left: int = integer(0, WAYPOINTS_MAX)
+    revoked: bool = flag("nothing of it is in the map, nothing is taken from it, and nobody is given it")
     backlog_cells: int | None = holds(Maybe(Whole(0, CELLS_MAX), "cells that wait for their acknowledgement"))
     copy_held: HeldMap | None = holds(Maybe(Part(HeldMap)))
 
@@ -161,6 +162,21 @@ class ClusterStatus(Control, routes=(Route(RADIO, ORCHESTRATOR, PEOPLE),), key=k
         """With the run's name, and who holds each robot."""
         robots = tuple(replace(r, workers=dict(workers.get(r.robot, {}))) for r in self.robots)
         return replace(self, run=run, robots=robots)
+
+
+@dataclass(frozen=True)
+class Revoke(Control, routes=(Route(RADIO, PEOPLE, MANAGER),), key=keys.REVOKE, manner="query"):
+    """A person wants a robot out of the map for good; asked again until the answer names it."""
+
+    robot: str = holds(ROBOT)
+
+
+@dataclass(frozen=True)
+class Revoked(Control, routes=(Route(RADIO, MANAGER, PEOPLE),), key=keys.REVOKE, manner="reply"):
+    """Whose revocation would survive kill -9."""
+
+    robots: tuple[str, ...] = holds(Each(ROBOT, ROBOTS_MAX))
+    reason: str = text(400, "why the robot that was asked for can never be one of them")
 
 
 CONTROLS: Final[dict[str, type[Control]]] = {kind.__name__: kind for kind in Control.__subclasses__()}

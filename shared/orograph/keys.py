@@ -135,6 +135,8 @@ BRIEFING = f"{ROOT}/scenario"
 """Query on the sim plane: any service asks what runs; the orchestrator answers, and the world, which outlives it."""
 STATUS = f"{ROOT}/status"
 """Query on the radio plane: a person asks the orchestrator how the cluster stands."""
+REVOKE = f"{ROOT}/revoke"
+"""Query on the radio plane: a person asks the map manager to be without a robot for good."""
 TICK = f"{ROOT}/tick"
 """World's clock, every participant listens (sim plane)."""
 DONE = f"{ROOT}/done"
@@ -142,7 +144,7 @@ DONE = f"{ROOT}/done"
 TELEMETRY = f"{ROOT}/telemetry"
 """`og/telemetry/<service>/<robot>`: figures for people, never read by a node (sim plane)."""
 
-CALLBACKS = ("message", "alive", "claim", "done", "release", "scenario", "status", "telemetry", "tick")
+CALLBACKS = ("message", "alive", "claim", "done", "release", "revoke", "scenario", "status", "telemetry", "tick")
 """What a process hears or is asked, by the word by which failures to take it are counted."""
 
 

@@ -292,6 +292,7 @@ class ManagerStatus(Message, routes=(Route(RADIO, MANAGER, ORCHESTRATOR),)):
     version: int = integer(0, U4)
     glrm_hash: bytes = raw(16, "blake2b-128 of the GLRM")
     confident_cells: int = integer(0, CELLS_MAX, "cells with confidence >= 64")
+    revoked: Packed = array("<u2", (AtMost(ROBOTS_MAX),), "numbers of robots that take no part any more")
 
 
 # --- sim plane: from the orchestrator to the world ------------------------------------------------------------------

@@ -233,7 +233,8 @@ def made_up_summary(robots: int) -> Summary:
     pair = PriorAndFinal(prior=figures, final=figures)
     better = Improvement(confident=pair, touched=pair)
     return Summary(
-        scenario="city", seed=1, robots=robots, robots_gone=(), mode="lockstep", runner="in-process", commit="0123",
+        scenario="city", seed=1, robots=robots, robots_gone=(), robots_revoked=(), mode="lockstep",
+        runner="in-process", commit="0123",
         complete=True, waypoints=4, waypoints_missed=(), contacts=(), deterministic=True,
         sim_time_s=460.0, wall_time_s=46.0, rtf=10.0, glrm_hash="ab",
         copies_hash_equal=True, glrm_is_own_fold=True, coverage=0.97, observable_cells=9, mapping_time_s={95: 300.0},

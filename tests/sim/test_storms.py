@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from simnet import glue_mutants, mutants
+from simnet import glue_mutants, mutants, revocation_mutants
 from simnet.checkers import violations
 from simnet.plan import Plan, plan_of
 from simnet.storm import ALL_REAL, Cast, Storm, run_storm
@@ -40,7 +40,11 @@ def _first_catch(mutant: type) -> int | None:
     return None
 
 
-@pytest.mark.parametrize("mutant", [*mutants.PROTOCOL, *glue_mutants.GLUE], ids=lambda mutant: mutant.__name__)
+@pytest.mark.parametrize(
+    "mutant",
+    [*mutants.PROTOCOL, *glue_mutants.GLUE, *revocation_mutants.REVOCATION],
+    ids=lambda mutant: mutant.__name__,
+)
 def test_checkers_catch_mutant(mutant):
     assert _first_catch(mutant) is not None, f"no checker saw {mutant.__name__} in {MUTANT_SEEDS} seeds"
 

@@ -22,12 +22,22 @@ HEAL_MAX_MS = 10_000
 def acknowledged_is_kept(history: History) -> list[str]:
     assert history.registers is not None
     acked = invariants.acknowledged((a.robot, a.epoch, a.cells, a.seqs) for a in history.acked)
-    return invariants.registers_kept(acked, history.registers)
+    return invariants.registers_kept(acked, history.registers, revoked=history.revoked)
 
 
 def registers_never_go_back(history: History) -> list[str]:
-    commits = pairwise(history.commits)
-    return [text for old, new in commits for text in invariants.registers_kept(old.registers, new.registers)]
+    return [
+        text
+        for old, new in pairwise(history.commits)
+        for text in invariants.registers_kept(old.registers, new.registers, revoked=new.revoked)
+    ]
+
+
+def revoked_robots_are_out(history: History) -> list[str]:
+    """Of the map at the end, and of every commit from the one on that revoked them."""
+    assert history.registers is not None
+    held = [(history.registers, history.revoked), *((c.registers, c.revoked) for c in history.commits)]
+    return [text for registers, revoked in held for text in invariants.revoked_are_out(registers, revoked)]
 
 
 def copies_are_equal(history: History) -> list[str]:
@@ -101,7 +111,9 @@ def confidence_survives_restart(history: History) -> list[str]:
         text
         for before, now in pairwise(map(_confidence, history.commits))
         for text in invariants.confidence_kept(
-            ((*key, sure, now[key][1]) for key, (epoch, sure) in before.items() if now[key][0] > epoch), KEPT_SHARE, 1
+            ((*key, sure, now[key][1]) for key, (epoch, sure) in before.items() if now.get(key, (0,))[0] > epoch),
+            KEPT_SHARE,
+            1,
         )
     ]
 
@@ -147,10 +159,10 @@ def map_is_that_of_a_fault_free_run(history: History) -> list[str]:
 
 
 CHECKERS: tuple[Callable[[History], list[str]], ...] = (
-    acknowledged_is_kept, registers_never_go_back, copies_are_equal, registers_are_own_evidence, map_is_the_fold,
-    versions_never_go_back, copies_hold_committed_values, queues_are_bounded, recovery_is_repeatable,
-    rejected_changes_nothing, fencings_are_explained, confidence_survives_restart, evidence_is_counted_once,
-    the_end_is_true, map_is_that_of_a_fault_free_run,
+    acknowledged_is_kept, registers_never_go_back, revoked_robots_are_out, copies_are_equal,
+    registers_are_own_evidence, map_is_the_fold, versions_never_go_back, copies_hold_committed_values,
+    queues_are_bounded, recovery_is_repeatable, rejected_changes_nothing, fencings_are_explained,
+    confidence_survives_restart, evidence_is_counted_once, the_end_is_true, map_is_that_of_a_fault_free_run,
 )  # fmt: skip
 
 

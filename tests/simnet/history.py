@@ -25,6 +25,8 @@ class Commit:
     version: int
     registers: np.ndarray
     glrm: np.ndarray
+    revoked: tuple[int, ...]
+    """Numbers of the robots that are revoked by then."""
 
 
 @dataclass
@@ -68,6 +70,8 @@ class History:
     """How often one of two with one id, fenced, said hello again after it had heard nothing of the other for 3 s."""
     lost_disks: int = 0
     """Acks, commits and sightings are of the time since then."""
+    revoked: tuple[int, ...] = ()
+    """Numbers of the robots of which the manager said, at any time, that they are revoked."""
     rejected_changes: int = 0
     """Inputs that had to be rejected but changed the manager's state or were not counted."""
     quiet: bool = False

@@ -48,6 +48,8 @@ class Plan:
     twins: tuple[Fault, ...] = ()
     """A second container with the id of a robot."""
     lost_disks: tuple[LostDisk, ...] = ()
+    revocations: tuple[tuple[int, str], ...] = ()
+    """(frame, robot): from then on a person asks the manager to be without it, until that is confirmed."""
     meddled: bool = False
     """Radio messages are recorded and sent again, spoiled batches sent, and words forged in the manager's name."""
 
@@ -57,6 +59,10 @@ class Plan:
         lost = [death for death in self.deaths if keys.split(death.name)[0] == keys.MAPPING]
         late = [hang for hang in self.hangs if hang.begin <= SCAN_FRAMES < hang.begin + hang.frames]
         return not (self.twins or lost or any(keys.split(hang.name)[0] == keys.MAPPING for hang in late))
+
+    def keeps(self, name: str) -> bool:
+        """Whether a robot, or that of a node, is not to be revoked."""
+        return not any(name.endswith(robot) for _, robot in self.revocations)
 
     def without_one(self) -> list[Plan]:
         """This plan with one of its faults left out, for each."""
@@ -71,6 +77,7 @@ def plan_of(seed: int) -> Plan:
     """Every third seed keeps the robots' memory, so that invariant 11 is judged; every seventh has a twin.
 
     In every fifth the manager loses its disk, without a twin: what one of two has put over the other's is then lost.
+    In every fourth without either a robot is revoked.
     """
     rng = np.random.default_rng([seed, 1])
     robots = tuple(keys.robot_id(i + 1) for i in range(2 + (seed % 4 == 1)))
@@ -87,7 +94,8 @@ def plan_of(seed: int) -> Plan:
         twins.append(Fault(keys.node(keys.MAPPING, str(rng.choice(robots))), STORM_FRAMES // 3, STORM_FRAMES))
     return Plan(
         seed, robots, (*_weathers(rng), *_cuts(rng, robots)), tuple(deaths), tuple(hangs), _full_disk(rng),
-        _failed_syncs(rng), tuple(twins), _lost_disk(rng) if loses_disk else (), meddled=True,
+        _failed_syncs(rng), tuple(twins), _lost_disk(rng) if loses_disk else (),
+        _revocation(seed, robots) if seed % 4 == 2 and not (twins or loses_disk) else (), meddled=True,
     )  # fmt: skip
 
 
@@ -131,3 +139,8 @@ def _failed_syncs(rng: np.random.Generator) -> tuple[tuple[int, str], ...]:
 def _lost_disk(rng: np.random.Generator) -> tuple[LostDisk, ...]:
     begin = int(rng.integers(STORM_FRAMES // 3, STORM_FRAMES))
     return (LostDisk(begin, int(rng.choice([0, begin // 2]))),)
+
+
+def _revocation(seed: int, robots: tuple[str, ...]) -> tuple[tuple[int, str], ...]:
+    rng = np.random.default_rng([seed, 5])
+    return ((int(rng.integers(5, STORM_FRAMES)), str(rng.choice(robots))),)

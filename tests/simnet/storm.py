@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 from orograph import keys
+from orograph.control import Revoke
 from orograph.messages import (
     ACKED,
     CELL,
@@ -149,6 +150,18 @@ class Storm:
             self._store.fail_next = outcome if begin == frame else self._store.fail_next
         self._store.full = any(begin <= frame < end for begin, end in self._plan.full_disk)
 
+    def _ask_for_revocations(self, frame: int) -> None:
+        """A person asks until the manager says that it is done, and never again."""
+        manager = self._manager.node
+        if not isinstance(manager, MapManagerNode):
+            return
+        for begin, robot in self._plan.revocations:
+            if frame >= begin and keys.robot_number(robot) not in self.history.revoked:
+                if robot in manager.revoked:
+                    self.history.revoked += (keys.robot_number(robot),)
+                else:
+                    manager.take_revoke(Revoke(robot))
+
     def _lose_disk(self, lost: LostDisk) -> None:
         """From here on the new store is judged; what the old one acknowledged only the robots still have."""
         self._manager.kill(lost.begin, 5)
@@ -174,7 +187,8 @@ class Storm:
                 part[name] = rows[name]
             parts.append(part)
         registers = np.concatenate(parts)
-        self.history.commits.append(Commit(held.version, registers, fold_registers(PRIOR, registers, RULES)))
+        glrm = fold_registers(PRIOR, registers, RULES)
+        self.history.commits.append(Commit(held.version, registers, glrm, held.revoked))
 
     def _manager_stepped(self, frame: Frame, inbox: Sequence[Envelope], sent: Sequence[Sent]) -> None:
         self._overhear(keys.MANAGER, sent)
@@ -302,12 +316,14 @@ class Storm:
     def run(self) -> History:
         for frame in range(STORM_FRAMES):
             self._break(frame)
+            self._ask_for_revocations(frame)
             self._rounds.step()
             if self._plan.meddled:
                 self._meddle(frame)
         self._heal()
         healed = max(STORM_FRAMES, self.network.last_due())
         for frame in range(STORM_FRAMES, STORM_FRAMES + END_WITHIN_FRAMES):
+            self._ask_for_revocations(frame)
             self._rounds.step()
             rests = self._is_quiet()
             self._hear_end(frame, rests)
@@ -323,17 +339,18 @@ class Storm:
                 self.history.end, self.history.rests_at_end = envelope.message, rests
 
     def _writers(self) -> list[RobotMappingNode]:
-        return [node for _, node in self._living() if not node._sync.fenced]
+        return [node for _, node in self._living() if not node._sync.fenced and self._plan.keeps(node.name)]
 
     def _is_quiet(self) -> bool:
         if not isinstance(self._manager.node, MapManagerNode):
             return False
         writers, manager = self._writers(), self._manager.node._sync
         flushed = all(node._sync.flushed and self._is_told(node) for node in writers)
-        copies = [node._sync.copy for _, node in self._living()]
+        copies = [node._sync.copy for _, node in self._living() if self._plan.keeps(node.name)]
         now = manager.manager_epoch, manager.version
         current = all((copy.manager_epoch, copy.version) == now for copy in copies)
-        return flushed and current and len(writers) == len(self._plan.robots)
+        done = len(self.history.revoked) == len(self._plan.revocations)
+        return flushed and current and done and len(writers) == len(self._plan.robots) - len(self.history.revoked)
 
     @staticmethod
     def _is_told(node: RobotMappingNode) -> bool:
@@ -346,13 +363,19 @@ class Storm:
         assert isinstance(node, MapManagerNode)
         history.manager_hash, history.glrm = node._sync.hash(), node._sync.glrm.copy()
         history.registers = node._sync.registers()
-        history.copy_hashes = {self._name(machine): mapping._sync.copy.hash() for machine, mapping in self._living()}
+        history.copy_hashes = {
+            self._name(machine): mapping._sync.copy.hash()
+            for machine, mapping in self._living()
+            if self._plan.keeps(machine.name)
+        }
         history.own = {keys.robot_number(keys.split(n.name)[1]): n._mapper.registers() for n in self._writers()}
         history.conflicts = len(self._plan.twins)
         history.restarts = self._lives - len(self._mappings)
         scanned = min(frame, self._scans_until)
         history.alone = {
-            keys.robot_number(robot): mapped_alone(self._plan.seed, robot, scanned) for robot in self._plan.robots
+            keys.robot_number(robot): mapped_alone(self._plan.seed, robot, scanned)
+            for robot in self._plan.robots
+            if self._plan.keeps(robot)
         }
         if self._plan.every_scan_counts:
             history.fault_free_hash = map_hash(_folded(history.alone))

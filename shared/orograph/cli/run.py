@@ -63,6 +63,8 @@ def lacking(summary: Summary) -> Iterator[str]:
     """What a run did not do, and what it should not have done, a line each."""
     for c in summary.contacts:
         yield f"collision: {c.robot} and {c.body} after {c.since_s:.1f} s, {c.newtons:,.0f} N for {c.seconds:.1f} s"
+    if summary.robots_revoked:
+        yield f"revoked: {', '.join(summary.robots_revoked)}; nothing of theirs is in the map"
     if not summary.complete:
         missed = summary.waypoints_missed or ()
         what = [f"{len(missed)} of {summary.waypoints} waypoints not visited ({', '.join(map(str, missed))})"]

@@ -6,9 +6,6 @@ import argparse
 import dataclasses
 import json
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from threading import Event
 
 from rich.console import Console, Group
 from rich.live import Live
@@ -16,15 +13,13 @@ from rich.table import Table
 from rich.text import Text
 
 from orograph import keys
+from orograph.cli import radio
+from orograph.cli.radio import ANSWER_S
 from orograph.comms.bus import Bus
-from orograph.comms.session import client
 from orograph.control import ClusterStatus, HeldMap, RobotState
-from orograph.errors import InputError, RunError
+from orograph.errors import RunError
 from orograph.nodes.status_board import link_up
 
-ROUTER = "tcp/127.0.0.1:17448"
-"""Where ops/status.compose.yaml publishes the radio plane's router."""
-ANSWER_S = 2.0
 WATCH_EVERY_S = 1.0
 INSTANCE_SHOWN = 4
 HASH_SHOWN = 6
@@ -39,44 +34,21 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         help="show how a running cluster stands",
         description="Ask a running cluster and show its robots, their workers, links, backlog and copies of the map.",
     )
-    parser.add_argument(
-        "--router", default=ROUTER, metavar="ENDPOINT",
-        help="the radio plane's router: tcp/HOST:PORT (default: %(default)s)",
-    )  # fmt: skip
+    radio.add_option(parser)
     parser.add_argument("--watch", action="store_true", help="again every second, until Ctrl-C")
     parser.add_argument("--json", action="store_true", help="as JSON, one line an answer")
     parser.set_defaults(main=main)
 
 
-def check_endpoint(text: str) -> None:
-    """Raise InputError for what is no endpoint."""
-    protocol, _, address = text.partition("/")
-    host, _, port = address.rpartition(":")
-    if protocol != "tcp" or not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise InputError(f"--router {text}: expected tcp/HOST:PORT, as {ROUTER}")
-
-
 def main(args: argparse.Namespace) -> int:
     """Ask once, or every second; raises InputError, and RunError where nobody answers."""
-    check_endpoint(args.router)
-    with _router(args.router) as bus:
+    with radio.router(args.router) as bus:
         if args.watch:
             watch(bus, args.router, args.json)
         else:
             status = ask(bus, args.router)
             print(as_json(status)) if args.json else Console().print(view(status))
     return 0
-
-
-@contextmanager
-def _router(endpoint: str) -> Iterator[Bus]:
-    once = Event()
-    once.set()
-    try:
-        with client(endpoint, once) as session:
-            yield Bus({keys.RADIO: session})
-    except InterruptedError:
-        raise RunError(f"no router answers at {endpoint}: is the cluster up, and its radio port published?") from None
 
 
 def ask(bus: Bus, endpoint: str) -> ClusterStatus:
@@ -147,8 +119,8 @@ def _robots(status: ClusterStatus) -> Table:
     for robot in status.robots:
         copy, backlog = robot.copy_held, robot.backlog_cells
         table.add_row(
-            robot.robot, workers(robot), radio(robot), robot.state or "-", str(robot.waypoints_left),
-            "-" if backlog is None else str(backlog), str(copy.version) if copy else "-",
+            robot.robot, workers(robot), link(robot), "revoked" if robot.revoked else robot.state or "-",
+            str(robot.waypoints_left), "-" if backlog is None else str(backlog), str(copy.version) if copy else "-",
             agreement(copy, status.manager),
         )  # fmt: skip
     return table
@@ -160,7 +132,7 @@ def workers(robot: RobotState) -> Text:
     return Text(" ").join(Text(i[:INSTANCE_SHOWN]) if i else Text("none", "red") for i in held)
 
 
-def radio(robot: RobotState) -> Text:
+def link(robot: RobotState) -> Text:
     """Whether the two services on the radio plane are heard, and for how long the silent one has not been."""
     silent = {keys.MAPPING: robot.copy_held.silent_s if robot.copy_held else None, keys.NAVIGATOR: robot.drive_silent_s}
     down = {service: _silence(s) for service, s in silent.items() if not link_up(s)}

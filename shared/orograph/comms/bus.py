@@ -125,9 +125,9 @@ class Bus:
         """Answer queries that ask nothing in particular; a radio that has no room loses the answer."""
         self._answer(plane, key, lambda _: reply())
 
-    def answer_each(self, key: str, kind: type[C], reply: Callable[[C], Control]) -> None:
-        """Answer queries of one kind on the sim plane; what is no such query is counted and gets no answer."""
-        self._answer(keys.SIM, key, lambda payload: reply(wire.decode(kind, payload)))
+    def answer_each(self, key: str, kind: type[C], reply: Callable[[C], Control], plane: str = keys.SIM) -> None:
+        """Answer queries of one kind; what is no such query is counted and gets no answer."""
+        self._answer(plane, key, lambda payload: reply(wire.decode(kind, payload)))
 
     def _answer(self, plane: str, key: str, reply: Callable[[bytes], Control]) -> None:
         def on_query(query: zenoh.Query) -> None:

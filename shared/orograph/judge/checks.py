@@ -45,11 +45,16 @@ class Ledger:
 
     glrm: Packed | None
     """The manager's cells (n,), None where it left none."""
+    copied: Packed | None
+    """The same at the end of the run: other cells where a robot was revoked after it."""
     copies: Mapping[str, Packed]
     own: Mapping[str, Packed]
     """Robot -> its own registers (m,), ROBOT_REGISTER without an epoch."""
     acked: Mapping[str, Packed]
-    """Robot -> its registers in the form in which they were last acknowledged to it, without an epoch."""
+    """Robot -> its registers in the form in which they were last acknowledged to it, without an epoch.
+
+    Not of those that were revoked: what they lost is no loss.
+    """
     held: Packed
     """ROBOT_REGISTERs (k,) at the manager."""
 
@@ -60,9 +65,14 @@ def read_ledger(parts: RunParts) -> Ledger:
     robots = {robot: parts.of(keys.MAPPING, robot) for robot in parts.robots}
     return Ledger(
         glrm=manager.get("glrm"),
+        copied=manager.get("glrm_at_end", manager.get("glrm")),
         copies={r: a["copy"] for r, a in robots.items() if "copy" in a},
         own={r: _registers(r, a["registers"]) for r, a in robots.items() if "registers" in a},
-        acked={r: _registers(r, a["acknowledged"]) for r, a in robots.items() if "acknowledged" in a},
+        acked={
+            r: _registers(r, a["acknowledged"])
+            for r, a in robots.items()
+            if "acknowledged" in a and r not in parts.revoked
+        },
         held=manager.get("registers", np.zeros(0, ROBOT_REGISTER)),
     )
 
@@ -90,7 +100,7 @@ def own_fold(parts: RunParts, ledger: Ledger, prior: Packed) -> Packed:
 
     Of a robot that has gone the manager may have taken more than it still heard of: its registers are the manager's.
     """
-    staying = [own for robot, own in ledger.own.items() if robot not in parts.gone]
+    staying = [own for robot, own in ledger.own.items() if robot in parts.staying]
     left = np.isin(ledger.held["robot"], [keys.robot_number(robot) for robot in parts.gone])
     everyone = np.concatenate([ledger.held[left], *staying])
     return fold_registers(whole_prior(prior, parts.glrm_grid.size), everyone, Rules.of(parts.scenario.rules))
@@ -139,6 +149,8 @@ def _no_contacts(parts: RunParts) -> Check:
 
 def _deterministic(parts: RunParts) -> Check:
     promise = "Same scenario and seed give the same map"
+    if parts.revoked:
+        return Check(promise, False, f"Revoked by hand: {', '.join(parts.revoked)}.")
     if parts.run.deterministic:
         return Check(promise, True, "Everybody kept step to the end; no message was lost but by the scenario.")
     if parts.run.mode == "paced":
@@ -147,14 +159,16 @@ def _deterministic(parts: RunParts) -> Check:
 
 
 def _copies(parts: RunParts, ledger: Ledger) -> Check:
-    if ledger.glrm is None:
+    if ledger.copied is None:
         return Check("Every robot holds the manager's map", None, "The map manager left no map.")
-    wanted = map_hash(ledger.glrm)
+    wanted = map_hash(ledger.copied)
     copies = {robot: map_hash(ledger.copies[robot]) for robot in parts.staying if robot in ledger.copies}
     same = len(copies) - len(invariants.copies_equal(copies, wanted))
     found = f"{same} of {len(parts.staying)} copies have the hash {wanted.hex()[:12]}…"
     if parts.gone:
         found += f" Not there at the end: {', '.join(parts.gone)}."
+    if parts.revoked:
+        found += f" Revoked: {', '.join(parts.revoked)}."
     ok = None if len(copies) < len(parts.staying) else same == len(copies)
     return Check("Every robot holds the manager's map, bit for bit", ok, found)
 

@@ -6,7 +6,7 @@ What a caller compares with (a slow fold, a run without faults) is the caller's,
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -33,11 +33,15 @@ def acknowledged(acks: Iterable[tuple[int, int, npt.ArrayLike, npt.ArrayLike]]) 
     return np.concatenate(parts)
 
 
-def registers_kept(acked: Packed, held: Packed, by: Sequence[str] = ("epoch", "seq")) -> list[str]:
+def registers_kept(
+    acked: Packed, held: Packed, by: Sequence[str] = ("epoch", "seq"), revoked: Collection[int] = ()
+) -> list[str]:
     """1: of the registers (n,) with fields robot, cell and `by`, none is missing or older by those among `held` (m,).
 
-    Between the registers of two commits the same says that none went back.
+    Those of robots (by number) that were `revoked` are no losses. Between the registers of two commits the same says
+    that none went back.
     """
+    acked = acked[~np.isin(acked["robot"], list(revoked))]
     found, known = _partners(acked, held)
     lost = ~known
     lost[known] = _rank(held[found[known]], by) < _rank(acked[known], by)
@@ -45,6 +49,15 @@ def registers_kept(acked: Packed, held: Packed, by: Sequence[str] = ("epoch", "s
         f"1: robot {row['robot']} cell {row['cell']} was acknowledged as {_told(row, by)}, held is "
         f"{_told(held[at], by) if there else 'nothing'}"
         for row, at, there in zip(acked[lost], found[lost], known[lost], strict=True)
+    ]
+
+
+def revoked_are_out(held: Packed, revoked: Collection[int]) -> list[str]:
+    """13: of robots (by number) that were revoked there is nothing among the registers (n,) held."""
+    return [
+        f"13: robot {robot} was revoked, {n} registers of it are held"
+        for robot in revoked
+        if (n := int((held["robot"] == robot).sum()))
     ]
 
 

@@ -138,6 +138,7 @@ def _summary(
         seed=run.seed,
         robots=len(parts.robots),
         robots_gone=parts.gone,
+        robots_revoked=parts.revoked,
         mode=run.mode,
         runner=run.runner,
         commit=run.commit,
@@ -145,7 +146,7 @@ def _summary(
         waypoints=len(parts.scenario.patrol),
         waypoints_missed=waypoints_missed(parts),
         contacts=contacts(parts),
-        deterministic=run.deterministic,
+        deterministic=bool(promises.deterministic.ok),
         sim_time_s=run.sim_time_s,
         wall_time_s=run.wall_time_s,
         rtf=run.sim_time_s / run.wall_time_s if run.wall_time_s > 0 else None,
@@ -185,7 +186,7 @@ def _radio(parts: RunParts, ledger: Ledger, ways: Mapping[str, Track], robot: st
         silent_s=None if track is None else sum(end - begin for begin, end in track.silences_s()),
         acked=acked,
         lost=None if acked is None or ledger.glrm is None else lost_cells(ledger, robot),
-        equal=None if copy is None or ledger.glrm is None else map_hash(copy) == map_hash(ledger.glrm),
+        equal=None if copy is None or ledger.copied is None else map_hash(copy) == map_hash(ledger.copied),
     )
 
 
@@ -207,12 +208,13 @@ def sentence(parts: RunParts, summary: Summary) -> str:
     covered = "an unknown share" if math.isnan(share) else f"{100 * share:.1f}\u00a0%"
     time = f"{minutes}\u00a0min\u00a0{seconds:02d}\u00a0s"
     first = f"{who} mapped {covered} of what the patrol can see in {time} of simulation."
+    revoked = f"Revoked, and not in the map: {', '.join(parts.revoked)}." if parts.revoked else ""
     same = {
         True: f"Every robot{' that stayed' * bool(parts.gone)} ended with the same map, bit for bit.",
         False: "The robots' copies of the map differ.",
         None: "",
     }
-    return f"{first} {same[summary.copies_hash_equal]}".strip()
+    return " ".join(part for part in (first, same[summary.copies_hash_equal], revoked) if part)
 
 
 def glrm_errors(verdict: Verdict) -> tuple[Layer, Layer]:

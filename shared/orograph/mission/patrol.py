@@ -158,6 +158,17 @@ class Patrol:
         for robot in self.robots.values():
             robot.order, robot.number = [], number
 
+    def dismiss(self, name: str, number: int, note: Note) -> None:
+        """A robot takes no part any more and is not to be heard: what it had to visit, or says it has, is others'."""
+        robot = self.robots[name]
+        if legs := self.left(name):
+            note("hand-over", {"robot": name, "waypoints": legs})
+        its = self.visited_by == robot_number(name)
+        self.visited_ns[its], self.visited_by[its] = -1, 0
+        robot.visited.clear()
+        robot.lost = True
+        self._give(robot, [], number, note)
+
     def _loose(self) -> list[int]:
         taken = {w for r in self.robots.values() if not r.lost for w in r.order}
         return [w for w in self.open() if w not in taken]

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph import keys
-from orograph.messages import SECOND_NS, Envelope, Frame, ManagerStatus, Message
+from orograph.control import Revoke, Revoked
+from orograph.messages import SECOND_NS, Envelope, Frame, ManagerStatus, Message, Packed
 from orograph.node import Every, Note, Send
 from orograph.protocol.limits import LIMITS, Limits
 from orograph.protocol.manager import ManagerSync
@@ -51,18 +52,36 @@ class MapManagerNode:
         if self._status.due(frame.stamp_ns):
             self._report(frame.stamp_ns, send)
 
+    @property
+    def revoked(self) -> tuple[str, ...]:
+        """Robots whose revocation would survive kill -9."""
+        return self._sync.revoked
+
+    def take_revoke(self, asked: Revoke) -> Revoked:
+        """What a person asks, from any thread: done in the next step, so ask again until the answer names the robot."""
+        if asked.robot not in self._robots:
+            return Revoked(self.revoked, f"{asked.robot} is not in this run of {len(self._robots)} robots")
+        self._sync.revoke(asked.robot)
+        return Revoked(self.revoked, "")
+
     def _report(self, now_ns: int, send: Send) -> None:
         confident, version = self._sync.confident_cells, self._sync.version
         self._coverage.append((now_ns, confident, version))
-        status = ManagerStatus(now_ns, version, self._sync.hash(), confident)
+        status = ManagerStatus(now_ns, version, self._sync.hash(), confident, self._revoked_numbers())
         send(keys.RADIO, keys.node(keys.ORCHESTRATOR), status)
+
+    def _revoked_numbers(self) -> Packed:
+        return np.array([keys.robot_number(robot) for robot in self.revoked], "<u2")
 
     def telemetry(self) -> Mapping[str, float]:
         """Figures of the protocol's manager side."""
         return self._sync.telemetry()
 
     def artifacts(self) -> Mapping[str, npt.NDArray[Any]]:
-        """Final `glrm` (CELL), `prior` (UPDATE), `registers` (ROBOT_REGISTER), first confident, coverage, acks."""
+        """Final `glrm` (CELL), `prior` (UPDATE), `registers` (ROBOT_REGISTER), first confident, coverage, acks.
+
+        `revoked` are numbers of robots.
+        """
         return {
             "glrm": self._sync.glrm,
             "prior": self._prior,
@@ -72,5 +91,6 @@ class MapManagerNode:
             "acked_records": np.array([self._sync.acked[robot] for robot in self._robots], np.int64),
             "glrm_hash": np.frombuffer(self._sync.hash(), np.uint8),
             "version": np.array(self._sync.version, np.int64),
+            "revoked": self._revoked_numbers(),
             "manager_epoch": np.array(self._sync.manager_epoch, np.int64),
         }

@@ -48,6 +48,9 @@ class OrchestratorNode:
         self._board = StatusBoard(robots, scenario.name, scenario.grid.grid.size)
         self.status = self._board.status(0, "starting", None)
         """How things stood at the last full second, replaced whole: any thread may read it."""
+        self.revoked: frozenset[str] = frozenset()
+        """Robots that the map manager has revoked, by its last word, replaced whole: any thread may read it."""
+        self._dismissed: frozenset[str] = frozenset()
         self._present: Collection[str] = robots
         self._speaks_from_ns = 0
         self._now_ns = 0
@@ -65,6 +68,8 @@ class OrchestratorNode:
         for envelope in inbox:
             self._hear(envelope, patrol, note)
         beat = self._beat.due(frame.stamp_ns)
+        if beat:
+            self._dismiss(frame, patrol, note)
         if beat and frame.stamp_ns >= self._speaks_from_ns:
             self._direct(frame, patrol, note)
             self._speak(patrol, send)
@@ -85,19 +90,37 @@ class OrchestratorNode:
         robot = keys.split(envelope.sender)[1]
         self._board.hear(robot, envelope.message, self._now_ns)
         match envelope.message:
+            case RobotStatus() | MappingStatus() if robot in self.revoked:
+                return
             case RobotStatus() as status if robot in patrol.robots:
                 patrol.hear(robot, status, self._now_ns, note)
             case MappingStatus() as report if robot in patrol.robots:
                 self._phases.hear_mapping(robot, report)
             case ManagerStatus() as state:
                 self._phases.hear_manager(state)
+                self._hear_revoked(state)
+
+    def _hear_revoked(self, status: ManagerStatus) -> None:
+        """The manager's list, by its fresh word alone: an old one is a late or a repeated one."""
+        if 0 <= self._now_ns - status.stamp_ns <= HEARD_NS:
+            numbers = set(status.revoked.tolist())
+            self.revoked = frozenset(robot for robot in self._robots if keys.robot_number(robot) in numbers)
+
+    def _dismiss(self, frame: Frame, patrol: Patrol, note: Note) -> None:
+        """Robots that were revoked since are told to stay where they are; others drive where they were to."""
+        if self._phases.name != MAPPING:
+            return
+        for robot in sorted(self.revoked - self._dismissed):
+            patrol.dismiss(robot, frame.index + 1, note)
+        self._dismissed = self.revoked
 
     def _direct(self, frame: Frame, patrol: Patrol, note: Note) -> None:
         if self._phases.name == MAPPING and not patrol.finished():
             patrol.review(frame.index + 1, frame.stamp_ns, self._present, note)
             self._orders_at_start = self._orders_at_start or {n: list(r.order) for n, r in patrol.robots.items()}
         self._phases.gone = self._gone(patrol)
-        if self._phases.step(frame.stamp_ns, patrol.finished(), patrol.all_visited()):
+        finished = patrol.finished() or self.revoked.issuperset(self._robots)
+        if self._phases.step(frame.stamp_ns, finished, patrol.all_visited()):
             note("phase", {"name": self._phases.name})
             if self._phases.name == FLUSH:
                 patrol.recall(frame.index + 1)
@@ -106,7 +129,7 @@ class OrchestratorNode:
 
     def _gone(self, patrol: Patrol) -> set[str]:
         silent = {n for n, r in patrol.robots.items() if self._now_ns - r.heard_ns >= LOST_AFTER_NS}
-        return silent - set(self._present)
+        return (silent - set(self._present)) | self.revoked
 
     def _speak(self, patrol: Patrol, send: Send) -> None:
         for name, robot in patrol.robots.items():
@@ -127,12 +150,15 @@ class OrchestratorNode:
             out |= {f"silence_{name}_s": ns / SECOND_NS for name, ns in silent_ns.items()}
         return out
 
+    def _gone_of_themselves(self) -> set[str]:
+        return set(self._phases.gone) - self.revoked
+
     def artifacts(self) -> Mapping[str, npt.NDArray[Any]]:
         """legs_<robot>, visited_ns (-1 never), visited_by (robot number or 0), unreached, phase names and stamps; gone:
         numbers of the robots that the end did not wait for.
         """
         out: dict[str, npt.NDArray[Any]] = {
-            "gone": np.array(sorted(keys.robot_number(robot) for robot in self._phases.gone), np.uint16),
+            "gone": np.array(sorted(keys.robot_number(robot) for robot in self._gone_of_themselves()), np.uint16),
             "phase_names": np.array(list(self._phases.began_ns)),
             "phase_stamps_ns": np.array(list(self._phases.began_ns.values()), np.int64),
         }

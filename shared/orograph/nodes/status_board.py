@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from orograph.control import ClusterStatus, HeldMap, RobotState
+from orograph.keys import robot_number
 from orograph.messages import SECOND_NS, ManagerStatus, MappingStatus, RobotStatus
 from orograph.mission.patrol import HEARD_NS, Patrol
 
@@ -38,14 +39,15 @@ class StatusBoard:
             waypoints_left=len(patrol.open()) if patrol else 0,
             confident_cells=manager[1].confident_cells if manager else 0, cells=self._cells,
             manager=_held(now_ns - manager[0], manager[1].version, manager[1].glrm_hash) if manager else None,
-            robots=tuple(self._robot(r, now_ns, len(patrol.left(r)) if patrol else 0) for r in self._robots),
+            robots=tuple(self._robot(r, now_ns, patrol) for r in self._robots),
         )  # fmt: skip
 
-    def _robot(self, robot: str, now_ns: int, waypoints_left: int) -> RobotState:
+    def _robot(self, robot: str, now_ns: int, patrol: Patrol | None) -> RobotState:
+        revoked = self._manager is not None and robot_number(robot) in self._manager[1].revoked
         heard_ns, drive = self._drives.get(robot, (0, None))
         told_ns, copy = self._copies.get(robot, (0, None))
         return RobotState(
-            robot=robot, workers={}, waypoints_left=waypoints_left,
+            robot=robot, workers={}, waypoints_left=len(patrol.left(robot)) if patrol else 0, revoked=revoked,
             drive_silent_s=(now_ns - heard_ns) / SECOND_NS if drive else None, state=drive.state if drive else "",
             x_m=drive.x_m if drive else 0.0, y_m=drive.y_m if drive else 0.0,
             backlog_cells=copy.waiting_cells if copy else None,

@@ -79,10 +79,19 @@ class Ledger:
     def newly_confident(self, folded: Packed, now_ns: int) -> Packed:
         """Which of these cells reach confidence 64 for the first time, with the time."""
         cells = folded["cell"][folded["confidence"] >= CONFIDENT]
-        cells = cells[self.first_confident_ns[cells] < 0]
-        stamped = np.zeros(len(cells), CONFIDENT_RECORD)
-        stamped["cell"], stamped["stamp_ns"] = cells, now_ns
-        return stamped
+        return _stamped(cells[self.first_confident_ns[cells] < 0], now_ns)
+
+    def withdrawal(self, robot: int, now_ns: int) -> tuple[Packed, Packed, Packed]:
+        """What it takes to be without a robot: its registers emptied (news), its cells folded, and confident anew.
+
+        A cell that is no longer confident without it never was.
+        """
+        emptied = np.zeros(len(self.row(robot)), REGISTER)
+        emptied["cell"] = self.row(robot)["cell"]
+        folded = self.folded(emptied["cell"].astype(np.int64), {robot: emptied})
+        doubted = folded["cell"][folded["confidence"] < CONFIDENT]
+        undone = _stamped(doubted[self.first_confident_ns[doubted] >= 0], -1)
+        return emptied, folded, np.concatenate([self.newly_confident(folded, now_ns), undone])
 
     def apply(self, news: Mapping[int, Packed], folded: Packed, confident: Packed, version: int) -> I64:
         """Hold what has been committed; the cells whose value changed, now of `version`."""
@@ -112,3 +121,9 @@ class Ledger:
     def confident_cells(self) -> int:
         """Cells with confidence >= 64 now."""
         return int(np.count_nonzero(self.glrm["confidence"] >= CONFIDENT))
+
+
+def _stamped(cells: Packed, stamp_ns: int) -> Packed:
+    stamped = np.zeros(len(cells), CONFIDENT_RECORD)
+    stamped["cell"], stamped["stamp_ns"] = cells, stamp_ns
+    return stamped

@@ -66,6 +66,8 @@ class ManagerSync:
         self.manager_epoch = held.manager_epoch + 1 + (draw % LATER_DRAWS if held.manager_epoch else draw)
         self.version = held.version
         self._downlink = Downlink(self.manager_epoch, self.version, self._tiles, self._ledger.glrm, limits)
+        self._revoked = frozenset(held.revoked)
+        self._to_revoke: tuple[str, ...] = ()
         self._begun = False
         self.store_full = False
         self.rejected: Counter[str] = Counter()
@@ -100,11 +102,25 @@ class ManagerSync:
         """The epoch in which a robot may write; 0 before its first hello."""
         return self._epochs.current(self._numbers[robot])
 
+    @property
+    def revoked(self) -> tuple[str, ...]:
+        """Robots of which nothing is in the map and nothing is taken, for good."""
+        return tuple(robot for robot, number in self._numbers.items() if number in self._revoked)
+
+    def revoke(self, robot: str) -> None:
+        """Ask that a robot of this run be revoked in the next step; ask again until `revoked` names it.
+
+        From any thread: what is lost to a race or a full disk is asked again.
+        """
+        assert robot in self._numbers, robot
+        self._to_revoke = (*self._to_revoke, robot)
+
     def step(self, now_ns: int, inbox: Sequence[tuple[str, Message]], send: SendTo, note: Note = _unnoted) -> None:
         """Take what the robots sent; nothing is acknowledged or published before it is committed."""
         self._note = note
         if not self._begun and not self._begin():
             return
+        self._revoke_asked(now_ns)
         intake = self._take_in(now_ns, inbox)
         self._keep_and_answer(intake, now_ns, send)
         self._downlink.step(now_ns, send)
@@ -113,6 +129,23 @@ class ManagerSync:
         """Make this life's manager epoch durable before anything is said in it."""
         self._begun = self._commit(Changes(self.manager_epoch, self.version))
         return self._begun
+
+    def _revoke_asked(self, now_ns: int) -> None:
+        """Fold the map anew without them; what changes goes out as with any commit."""
+        asked, self._to_revoke = self._to_revoke, ()
+        for robot in sorted(set(asked) - set(self.revoked)):
+            number = self._numbers[robot]
+            emptied, folded, confident = self._ledger.withdrawal(number, now_ns)
+            changes = Changes(self.manager_epoch, self.version + 1, confident=confident, revoked=(number,))
+            if self._commit(changes):
+                self._revoked |= {number}
+                changed = self._ledger.apply({number: emptied}, folded, confident, changes.version)
+                self._publish(changed, changes.version)
+                self._note("revoked", {"robot": robot, "registers": len(emptied), "cells_changed": len(changed)})
+
+    def _publish(self, changed: I64, version: int) -> None:
+        self.version = version
+        self._downlink.changed(changed, version)
 
     def _reject(self, robot: str, reason: str) -> None:
         """Count every one; note the first of its kind only, so that a flood does not fill the disk with notes."""
@@ -127,6 +160,8 @@ class ManagerSync:
             heard[robot] += 1
             if robot not in self._numbers:
                 reason: str | None = "unknown-robot"
+            elif self._numbers[robot] in self._revoked:
+                reason = "revoked"
             elif heard[robot] > self._limits.messages_per_step:
                 reason = "flood"
             else:
@@ -213,9 +248,8 @@ class ManagerSync:
         return True
 
     def _apply(self, changes: Changes, folded: Packed) -> None:
-        self.version = changes.version
-        changed = self._ledger.apply(changes.registers, folded, changes.confident, self.version)
-        self._downlink.changed(changed, self.version)
+        changed = self._ledger.apply(changes.registers, folded, changes.confident, changes.version)
+        self._publish(changed, changes.version)
         for grant in changes.granted:
             self._epochs.add(grant)
             self._note("hello", {"robot": robot_id(grant.robot), "epoch": grant.epoch})
@@ -245,6 +279,7 @@ class ManagerSync:
             "confident_cells": self.confident_cells,
             "cells": self._size,
             "store_full": float(self.store_full),
+            "robots_revoked": len(self._revoked),
             "commits": self._counts["commits"],
             "commits_refused": self._counts["commits_refused"],
             "records_acked": self.acked.total(),

@@ -35,7 +35,7 @@ class StoreBusy(StoreError):  # noqa: N818
 
 
 CONFIDENT = np.dtype([("cell", "<u4"), ("stamp_ns", "<i8")])
-"""When a cell's confidence first reached 64."""
+"""When a cell's confidence first reached 64; -1 where that is undone."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,8 @@ class Changes:
     """Robot number -> ROW_RECORDs (m,) that replace the robot's registers of those cells."""
     granted: tuple[Granted, ...] = ()
     confident: Packed = field(default_factory=lambda: np.zeros(0, CONFIDENT))
+    revoked: tuple[int, ...] = ()
+    """Numbers of robots whose registers go, all of them, and of whom none are kept from here on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +71,7 @@ class StoredState:
     granted: tuple[Granted, ...] = ()
     """In order of granting."""
     confident: Packed = field(default_factory=lambda: np.zeros(0, CONFIDENT))
+    revoked: tuple[int, ...] = ()
 
 
 class Store(Protocol):
@@ -116,10 +119,13 @@ def merged(held: StoredState, changes: Changes) -> StoredState:
         old = registers.get(robot, np.zeros(0, REGISTER))
         kept = old[~np.isin(old["cell"], rows["cell"])]
         registers[robot] = np.concatenate([kept, rows])
+    for robot in changes.revoked:
+        registers.pop(robot, None)
     return StoredState(
         manager_epoch=changes.manager_epoch,
         version=changes.version,
         registers=registers,
         granted=(*held.granted, *changes.granted),
         confident=np.concatenate([held.confident, changes.confident]),
+        revoked=(*held.revoked, *changes.revoked),
     )

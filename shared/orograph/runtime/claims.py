@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from orograph import keys
 from orograph.comms.bus import Bus
@@ -29,13 +29,17 @@ Instance = tuple[str, str]
 
 
 class Claims:
-    """`on_fleet` is told which robots have all their services, whenever that changes once there were `start_with`."""
+    """`on_fleet` is told which robots have all their services, whenever that changes once there were `start_with`.
+
+    `revoked` says whom nobody is given.
+    """
 
     def __init__(
-        self, robots: tuple[str, ...], on_fleet: Callable[[tuple[str, ...]], None], start_with: int | None = None
-    ) -> None:
+        self, robots: tuple[str, ...], on_fleet: Callable[[tuple[str, ...]], None], start_with: int | None = None,
+        revoked: Callable[[], Collection[str]] = tuple,
+    ) -> None:  # fmt: skip
         self._start_with = len(robots) if start_with is None else start_with
-        self._robots, self._on_fleet = robots, on_fleet
+        self._robots, self._on_fleet, self._revoked = robots, on_fleet, revoked
         self._table = Membership(robots)
         self._lock = threading.Lock()
         self._proven: set[Instance] = set()
@@ -74,7 +78,7 @@ class Claims:
         claimant = (claim.service, claim.instance)
         with self._lock:
             self._expire()
-            grant = self._table.claim(*claimant, claim.capacity, claim.wanted)
+            grant = self._table.claim(*claimant, claim.capacity, claim.wanted, self._revoked())
             if grant.robots and claimant not in self._proven:
                 self._unproven_since_s.setdefault(claimant, time.monotonic())
         metrics.CLAIMS.labels("granted" if grant.robots else "refused").inc()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 from orograph import keys
 from orograph.control import Grant
@@ -16,18 +16,25 @@ class Membership:
         self._holder: dict[tuple[str, str], str] = {}
         self._former: dict[tuple[str, str], str] = {}
 
-    def claim(self, service: str, instance: str, capacity: int, wanted: tuple[str, ...] = ()) -> Grant:
-        """Up to `capacity` free robots, of those `wanted` if any are named; asked again, one instance gets the same."""
+    def claim(
+        self, service: str, instance: str, capacity: int, wanted: tuple[str, ...] = (), revoked: Collection[str] = (),
+    ) -> Grant:  # fmt: skip
+        """Up to `capacity` free robots, of those `wanted` if any are named; asked again, one instance gets the same.
+
+        Nobody is given those that are `revoked`.
+        """
         if strangers := [r for r in wanted if r not in self._robots]:
             return Grant((), f"{', '.join(strangers)}: not in this run of {len(self._robots)} robots")
         if held := self.held(service, instance):
             return Grant(held, "")
-        free = [r for r in self._robots if r in (wanted or self._robots) and (service, r) not in self._holder]
+        open_to_all = [r for r in self._robots if r in (wanted or self._robots) and r not in revoked]
+        free = [r for r in open_to_all if (service, r) not in self._holder]
         free.sort(key=lambda r: (self._former.get((service, r)) != instance, -self._need(r)))
         given = tuple(sorted(free[:capacity]))
         if not given:
             named = ", ".join(wanted) or f"all {len(self._robots)} robots"
-            return Grant((), f"{named}: {service} is held by others; wait as a spare")
+            why = f"{service} is held by others" if open_to_all else "revoked"
+            return Grant((), f"{named}: {why}; wait as a spare")
         self._hold(service, instance, given)
         return Grant(given, "")
 

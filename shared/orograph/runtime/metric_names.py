@@ -42,7 +42,7 @@ WIRE_REASONS = (
 """Why `comms`, `keys` and `routes` refuse what came off the wire."""
 INPUT_REASONS = (
     "shape", "cell_range", "duplicate_cell", "no_evidence", "height_range", "future_tick", "tile_range", "unexpected",
-    "unknown_robot", "flood", "fenced_epoch", "unknown_epoch", "other_life",
+    "unknown_robot", "flood", "fenced_epoch", "unknown_epoch", "other_life", "revoked",
 )  # fmt: skip
 """Why the Map Manager refuses a robot's message."""
 POINT_REASONS = ("not_finite", "below_range", "beyond_range", "outside_grid", "outside_map")
@@ -66,6 +66,7 @@ MANAGER = {
     "confident_cells": _gauge("map_confident_cells", "Cells of the global map that are confident."),
     "cells": _gauge("map_cells", "Cells of the global map."),
     "store_full": _gauge("store_full", "1 while the store's disk is full."),
+    "robots_revoked": _gauge("map_robots_revoked", "Robots whose registers were taken out of the map for good."),
     "commits": _counter("store_commits", "Commits of robots' records."),
     "commits_refused": _counter("store_commits_refused", "Commits that the store refused for want of room."),
     "records_acked": _counter("map_records_acknowledged", "Records acknowledged to robots."),

@@ -51,9 +51,14 @@ class RunParts:
         return tuple(keys.robot_id(int(number)) for number in self.of(keys.ORCHESTRATOR).get("gone", ()))
 
     @property
+    def revoked(self) -> tuple[str, ...]:
+        """Robots whose registers were taken out of the map, during the run or after it."""
+        return tuple(keys.robot_id(int(number)) for number in self.of(keys.MANAGER).get("revoked", ()))
+
+    @property
     def staying(self) -> tuple[str, ...]:
-        """Robots that were there at the end."""
-        return tuple(robot for robot in self.robots if robot not in self.gone)
+        """Robots that were there at the end, and in the map."""
+        return tuple(robot for robot in self.robots if robot not in (*self.gone, *self.revoked))
 
     @property
     def glrm_grid(self) -> Grid:

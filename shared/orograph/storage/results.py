@@ -258,6 +258,8 @@ class Summary(Result):
     seed: int
     robots: int
     robots_gone: tuple[str, ...]
+    robots_revoked: tuple[str, ...]
+    """Whose registers were taken out of the map."""
     mode: Literal["lockstep", "paced"]
     runner: str
     commit: str

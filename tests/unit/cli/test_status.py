@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 import msgpack
+import numpy as np
 import pytest
 from orograph import keys
 from orograph.cli import status
@@ -30,8 +31,6 @@ WORKERS = {"laser": "a1b2c3", "robot-mapping": "d4e5f6", "navigator": "0718293a"
 
 
 def drive(state: str) -> RobotStatus:
-    import numpy as np
-
     none = np.zeros(0, "<u2")
     return RobotStatus(0, 1, none, none, state, 3.0, 4.0)
 
@@ -52,7 +51,7 @@ def standing() -> ClusterStatus:
     for robot, heard_ns, version, held in (("robot_001", 20 * S, 7, b"m"), ("robot_002", 8 * S, 4, b"o")):
         board.hear(robot, drive("driving"), heard_ns)
         board.hear(robot, MappingStatus(heard_ns, False, 31, version, held * 16), heard_ns)
-    board.hear("", ManagerStatus(20 * S, 7, b"m" * 16, 250), 20 * S)
+    board.hear("", ManagerStatus(20 * S, 7, b"m" * 16, 250, np.zeros(0, "<u2")), 20 * S)
     without_laser = {s: i for s, i in WORKERS.items() if s != "laser"}
     told = board.status(20 * S, "mapping", Left())
     return told.of_run("tiny-001", {"robot_001": WORKERS, "robot_002": without_laser})
@@ -94,9 +93,9 @@ def test_a_copy_is_judged_by_version_and_hash(version: int, digest: str, word: s
 def test_one_silent_service_is_named() -> None:
     robot = standing().robots[0]
     never = replace(robot, drive_silent_s=None, copy_held=None)
-    assert status.radio(robot).plain == "up"
-    assert status.radio(replace(robot, drive_silent_s=3.0)).plain == "navigator down 3 s"
-    assert status.radio(never).plain == "never heard"
+    assert status.link(robot).plain == "up"
+    assert status.link(replace(robot, drive_silent_s=3.0)).plain == "navigator down 3 s"
+    assert status.link(never).plain == "never heard"
 
 
 # --- over a real router -------------------------------------------------------------------------------------------

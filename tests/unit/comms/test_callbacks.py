@@ -38,7 +38,8 @@ def test_threads_lose_no_count() -> None:
 
 def test_every_key_has_a_kind_and_every_kind_its_figure() -> None:
     heard = [keys.TICK, keys.done_key("a"), keys.release_key("a"), keys.ALIVE_ALL, keys.CLAIM, keys.BRIEFING,
-             keys.STATUS, keys.telemetry_key(keys.WORLD), *keys.inbox_keys(keys.RADIO, keys.WORLD)]  # fmt: skip
+             keys.STATUS, keys.REVOKE, keys.telemetry_key(keys.WORLD),
+             *keys.inbox_keys(keys.RADIO, keys.WORLD)]  # fmt: skip
     assert {keys.callback_kind(key) for key in heard} == set(keys.CALLBACKS)
     for kind in keys.CALLBACKS:
         placed = metric_names.place(metric_names.PROCESS, f"callback_errors_{kind}")

@@ -56,6 +56,34 @@ def test_who_has_gone_is_judged_by_what_was_acknowledged_alone(city_run: RunPart
     assert judged(nothing) == [True] * 6
 
 
+def test_who_was_revoked_is_not_judged_and_the_run_is_not_called_repeatable(city_run: RunParts) -> None:
+    parts = with_array(city_run, keys.MANAGER, "registers", lambda held: held[held["robot"] != 1])
+    parts = with_array(parts, ROBOT, "copy", raised("height"))
+    manager = {**parts.nodes[keys.MANAGER], "revoked": np.array([1], "<u2")}
+    found = own_fold(
+        revoked := replace(parts, nodes={**parts.nodes, keys.MANAGER: manager}),
+        read_ledger(revoked),
+        prior_records(parts.scenario),
+    )
+    copies = {
+        name: {**arrays, "copy": found} for name, arrays in revoked.nodes.items() if "copy" in arrays and name != ROBOT
+    }
+    revoked = replace(revoked, nodes={**revoked.nodes, **copies, keys.MANAGER: {**manager, "glrm": found}})
+    assert judged(revoked) == [True, True, False, True, True, True]
+    kept = {
+        **manager,
+        "glrm": city_run.nodes[keys.MANAGER]["glrm"],
+        "registers": city_run.nodes[keys.MANAGER]["registers"],
+    }
+    assert judged(replace(revoked, nodes={**revoked.nodes, keys.MANAGER: kept}))[4] is False
+
+
+def test_after_the_run_copies_are_of_the_map_at_its_end(city_run: RunParts) -> None:
+    at_end = {**city_run.nodes[keys.MANAGER], "glrm_at_end": city_run.nodes[keys.MANAGER]["glrm"]}
+    parts = replace(city_run, nodes={**city_run.nodes, keys.MANAGER: at_end})
+    assert judged(with_array(parts, keys.MANAGER, "glrm", raised("height"))) == [True, True, True, True, False, True]
+
+
 def test_a_version_is_no_part_of_the_map(city_run: RunParts) -> None:
     assert judged(with_array(city_run, ROBOT, "copy", raised("version"))) == [True] * 6
 

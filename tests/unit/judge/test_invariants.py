@@ -33,6 +33,15 @@ def test_what_was_acknowledged_may_be_held_in_a_newer_form(held: Register) -> No
     assert invariants.registers_kept(registers(ACKED), registers((2, 7, 9, 9), held, (1, 8, 1, 1))) == []
 
 
+def test_what_was_acknowledged_to_a_revoked_robot_is_no_loss_and_must_be_gone() -> None:
+    assert invariants.registers_kept(registers(ACKED), registers((2, 7, 9, 9)), revoked={1}) == []
+    assert len(invariants.registers_kept(registers(ACKED), registers((2, 7, 9, 9)), revoked={2})) == 1
+    assert invariants.revoked_are_out(registers(ACKED), {2}) == []
+    assert invariants.revoked_are_out(registers(ACKED, (1, 8, 1, 1)), {1, 2}) == [
+        "13: robot 1 was revoked, 2 registers of it are held"
+    ]
+
+
 @pytest.mark.parametrize(
     ("held", "told"),
     [((1, 7, 2, 4), "(2, 4)"), ((1, 7, 1, 9), "(1, 9)"), ((1, 6, 2, 5), "nothing"), ((2, 7, 2, 5), "nothing")],

@@ -56,6 +56,15 @@ def test_a_full_fleet_says_so_and_a_spare_takes_over() -> None:
     assert table.claim(MAPPING, "spare", 1) == Grant(("robot_001",), "")
 
 
+def test_a_revoked_robot_is_given_to_nobody_again() -> None:
+    table = Membership(ROBOTS)
+    assert table.claim(LASER, "a", 3, revoked={"robot_002"}).robots == ("robot_001", "robot_003")
+    assert table.claim(MAPPING, "b", 1, ("robot_002",), {"robot_002"}) == Grant(
+        (), "robot_002: revoked; wait as a spare"
+    )
+    assert not table.claim(NAVIGATOR, "c", 3, revoked=ROBOTS).robots
+
+
 def test_an_instance_that_comes_back_finds_its_own_robot() -> None:
     table = Membership(ROBOTS)
     table.claim(LASER, "a", 1)

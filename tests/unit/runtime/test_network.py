@@ -21,7 +21,7 @@ LONG = 10_000
 HELLO, FENCED = Hello(bytes(16)), Fenced(1)
 SAYS: dict[tuple[str, str], Message] = {
     (MANAGER, ALL): Digest(1, 1, np.zeros((1, 16), "u1")),
-    (MANAGER, ORCHESTRATOR): ManagerStatus(0, 1, bytes(16), 0),
+    (MANAGER, ORCHESTRATOR): ManagerStatus(0, 1, bytes(16), 0, np.zeros(0, "<u2")),
     **{(MANAGER, robot): FENCED for robot in MAPPERS},
     **{(robot, MANAGER): HELLO for robot in MAPPERS},
 }

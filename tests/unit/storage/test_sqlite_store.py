@@ -340,3 +340,14 @@ def test_harmed_files_are_refused_or_hold_all_that_was_acknowledged(path, killed
         else:
             assert held.version == 0, what
     assert 20 < refused < 150
+
+
+def test_a_revoked_robot_s_registers_go_and_its_number_stays(path):
+    kept, gone = SqliteStore(path, SHAPE), MemoryStore()
+    for store in (kept, gone):
+        store.commit(SOME)
+        store.commit(Changes(1, 2, confident=confident((3, -1)), revoked=(1,)))
+    kept.close()
+    again = reopened(path)
+    assert sorted(again.registers) == [2] == sorted(gone.load().registers) and again.revoked == (1,)
+    assert again.confident.tolist() == [(3, -1)] and again.granted == SOME.granted
