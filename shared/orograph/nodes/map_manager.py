@@ -12,6 +12,7 @@ from orograph import keys
 from orograph.control import Revoke, Revoked
 from orograph.messages import SECOND_NS, Envelope, Frame, ManagerStatus, Message, Packed
 from orograph.node import Every, Note, Send
+from orograph.nodes.cell_history import CellHistory
 from orograph.protocol.limits import LIMITS, Limits
 from orograph.protocol.manager import ManagerSync
 from orograph.protocol.store import Store
@@ -19,6 +20,8 @@ from orograph.rules import Rules
 from orograph.scene.site import Site
 from orograph.stages import Stage, untimed
 
+HISTORY_BYTES = 2**25
+"""Of the map's course: 800 000 changes of cells."""
 COVERAGE = np.dtype([("stamp_ns", "<i8"), ("confident_cells", "<u4"), ("version", "<u4")])
 
 
@@ -39,6 +42,8 @@ class MapManagerNode:
         self._sync = ManagerSync(grid.shape, self._prior, rules, store, robots, stage, limits, draw)
         self._status = Every(SECOND_NS)
         self._coverage: list[tuple[int, int, int]] = []
+        self._history, self._kept_version = CellHistory(HISTORY_BYTES), 0
+        self._now_ns = 0
 
     def step(self, frame: Frame, inbox: Sequence[Envelope], send: Send, note: Note) -> None:
         """Give the robots' messages to the protocol, what comes out to the radio."""
@@ -48,6 +53,7 @@ class MapManagerNode:
             to = keys.group(keys.MAPPING) if robot is None else keys.node(keys.MAPPING, robot)
             send(keys.RADIO, to, message)
 
+        self._now_ns = frame.stamp_ns
         self._sync.step(frame.stamp_ns, from_robots, send_to, note)
         if self._status.due(frame.stamp_ns):
             self._report(frame.stamp_ns, send)
@@ -67,11 +73,17 @@ class MapManagerNode:
     def _report(self, now_ns: int, send: Send) -> None:
         confident, version = self._sync.confident_cells, self._sync.version
         self._coverage.append((now_ns, confident, version))
+        self._keep(now_ns)
         status = ManagerStatus(now_ns, version, self._sync.hash(), confident, self._revoked_numbers())
         send(keys.RADIO, keys.node(keys.ORCHESTRATOR), status)
 
     def _revoked_numbers(self) -> Packed:
         return np.array([keys.robot_number(robot) for robot in self.revoked], "<u2")
+
+    def _keep(self, now_ns: int) -> None:
+        glrm = self._sync.glrm
+        self._history.append(now_ns, glrm[glrm["version"] > self._kept_version])
+        self._kept_version = self._sync.version
 
     def telemetry(self) -> Mapping[str, float]:
         """Figures of the protocol's manager side."""
@@ -80,9 +92,12 @@ class MapManagerNode:
     def artifacts(self) -> Mapping[str, npt.NDArray[Any]]:
         """Final `glrm` (CELL), `prior` (UPDATE), `registers` (ROBOT_REGISTER), first confident, coverage, acks.
 
-        `revoked` are numbers of robots.
+        `revoked` are numbers of robots; `changes` (n,) CHANGE what of the map changed, second by second since this
+        manager started.
         """
+        self._keep(self._now_ns)
         return {
+            "changes": self._history.rows(),
             "glrm": self._sync.glrm,
             "prior": self._prior,
             "registers": self._sync.registers(),
