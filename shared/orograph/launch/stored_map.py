@@ -19,7 +19,8 @@ from orograph.protocol.tiles import map_hash
 from orograph.rules import Rules
 from orograph.scenario import Scenario
 from orograph.scene.prior import prior_records
-from orograph.storage.run_folder import SCENARIO, STORE, FolderError, node_file, read_text, write_arrays
+from orograph.storage.parts import read_scenario
+from orograph.storage.run_folder import STORE, FolderError, node_file, write_arrays
 from orograph.storage.sqlite_store import SqliteStore
 
 
@@ -43,7 +44,7 @@ class StoredMap:
 def stored_map(out: Path) -> Iterator[StoredMap]:
     """What the run folder `out` holds; raises InputError where it holds no map, RunError where that cannot be had."""
     try:
-        scenario = Scenario.model_validate_json(read_text(out, SCENARIO))
+        scenario = read_scenario(out)
     except FolderError as error:
         raise InputError(str(error)) from None
     grid = scenario.grid.grid

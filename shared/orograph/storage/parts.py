@@ -8,9 +8,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import ValidationError
 
 from orograph import keys
 from orograph.arrays import I64
@@ -119,22 +121,41 @@ def read_parts(out: Path) -> RunParts:
     """What a run left in its folder; raises FolderError when the run or its scenario cannot be read."""
     up, down = _bytes(out)
     return RunParts(
-        scenario=Scenario.model_validate_json(run_folder.read_text(out, run_folder.SCENARIO)),
+        scenario=read_scenario(out),
         run=RunInfo.read(out),
         nodes=dict(_node_arrays(out)),
         stages_ns=dict(_stages(out)),
         bytes_up=up,
         bytes_down=down,
-        events=_events(out),
+        events=read_events(out),
     )
+
+
+def read_scenario(out: Path) -> Scenario:
+    """The resolved scenario of a run folder; raises FolderError where it cannot be read, or is of another version."""
+    try:
+        return Scenario.model_validate_json(run_folder.read_text(out, run_folder.SCENARIO))
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise run_folder.FolderError(
+            f"{out / run_folder.SCENARIO}: {place}: {first['msg']}: the run is of another version of this program"
+        ) from None
 
 
 def _node_arrays(out: Path) -> Iterator[tuple[str, Arrays]]:
     for path in sorted(out.glob(run_folder.node_file("*"))):
         name = run_folder.node_of(path)
         if name is not None:
-            with np.load(path, allow_pickle=False) as arrays:
-                yield name, {key: arrays[key] for key in arrays.files}
+            yield name, _arrays(path)
+
+
+def _arrays(path: Path) -> Arrays:
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
+            return {key: arrays[key] for key in arrays.files}
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
+        raise run_folder.FolderError(f"{path}: cannot be read ({error}): it is cut short or damaged") from error
 
 
 def _stages(out: Path) -> Iterator[tuple[str, dict[str, I64]]]:
@@ -153,7 +174,8 @@ def _bytes(out: Path) -> tuple[dict[str, int], dict[str, int]]:
     return dict(total["up"]), dict(total["down"])
 
 
-def _events(out: Path) -> tuple[Mapping[str, Any], ...]:
+def read_events(out: Path) -> tuple[Mapping[str, Any], ...]:
+    """What the services of a run have noted so far, ordered by stamp_ns."""
     lines = [line for path in sorted(out.glob(run_folder.events_file("*"))) for line in path.read_text().splitlines()]
     return tuple(sorted((e for e in map(_event, lines) if e is not None), key=lambda e: int(e.get("stamp_ns", 0))))
 
