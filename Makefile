@@ -20,9 +20,9 @@ $(STAMP): requirements.lock requirements-test.lock pyproject.toml
 	@find shared -name '*.nb[ic]' -delete  # compiled kernels of another version may name modules that are gone
 	@touch $@
 
-demo: setup ## map a district of Helsinki with three robots and write its report
+demo: setup ## map a district of Helsinki with three robots, on a live page, and write its report
 	$(BIN)/orograph doctor --quiet
-	$(BIN)/orograph run $(DEMO)
+	$(BIN)/orograph run $(DEMO) --view
 
 check: setup ## style, types, layering
 	$(BIN)/ruff check .
@@ -57,7 +57,7 @@ image: ## build the image of all services
 	ops/offline-images
 	docker build --quiet --file ops/Dockerfile --tag orograph . >/dev/null
 
-up: image ## start the cluster in containers: ROBOTS=3 SCENARIO=tiny SEED= TIME_SCALE= START_WITH=
+up: image ## start the cluster in containers: ROBOTS=3 SCENARIO=tiny SEED= TIME_SCALE= START_WITH= CONSOLE_PORT=
 	ops/up
 
 watch: ## add Prometheus and Grafana to the cluster, on loopback

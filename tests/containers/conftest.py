@@ -36,7 +36,7 @@ class Cluster:
 
     def __init__(self, **wishes: str) -> None:
         self.project = f"orograph-test-{uuid.uuid4().hex[:8]}"
-        self._wishes = {"COMPOSE_PROJECT_NAME": self.project, **wishes}
+        self._wishes = {"COMPOSE_PROJECT_NAME": self.project, "CONSOLE_PORT": "0", **wishes}
 
     def compose(self, *arguments: str, check: bool = True) -> subprocess.CompletedProcess[str]:
         return call(str(COMPOSE), *arguments, env=self._wishes, check=check)

@@ -15,11 +15,13 @@ from orograph.runtime.settings import VARIABLES
 pytestmark = pytest.mark.containers
 Config = dict[str, Any]
 ROUTERS = {"router-sim", "router-radio"}
-OURS = {*keys.SERVICES, *ROUTERS}
-ON_RADIO = {*keys.RADIO_SERVICES, "router-radio"}
+CONSOLE = "console"
+OURS = {*keys.SERVICES, *ROUTERS, CONSOLE}
+ON_RADIO = {*keys.RADIO_SERVICES, "router-radio", CONSOLE}
 WATCHES = {"prometheus"}
 """May be on the radio plane's network to read a router's figures; no robot's message passes it."""
 DASHBOARDS = {"prometheus", "grafana"}
+PUBLISHED = {*DASHBOARDS, CONSOLE}
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +56,7 @@ def _any(name: str, service: Config) -> Iterator[str]:
     if not int(service.get("mem_limit", 0)) or not 0 < int(service.get("pids_limit") or 0) <= 128:
         yield "no limits"
     for port in service.get("ports", []):
-        if name not in DASHBOARDS or port.get("host_ip") != "127.0.0.1":
+        if name not in PUBLISHED or port.get("host_ip") != "127.0.0.1":
             yield "a port of the host"
     if service.get("secrets") or any(
         w in v.upper() for v in service.get("environment", {}) for w in ("SECRET", "KEY", "TOKEN")
@@ -91,7 +93,7 @@ def test_compose_yaml_holds_the_rules(config: Config) -> None:
 
 def test_every_service_has_its_module_and_every_module_its_service() -> None:
     modules = {path.stem for path in (ROOT / "services").glob("*.py")} - {"__init__"}
-    assert modules == {name.replace("-", "_") for name in keys.SERVICES} | {"router"}
+    assert modules == {name.replace("-", "_") for name in keys.SERVICES} | {"router", CONSOLE}
 
 
 def _edit(service: str, **changes: Any) -> Callable[[Config], None]:
@@ -111,6 +113,7 @@ MUTANTS: dict[str, Callable[[Config], None]] = {
     "world: a root that can be written": _edit("world", read_only=False),
     "orchestrator: no limits": _edit("orchestrator", mem_limit="0"),
     "router-radio: a port of the host": _edit("router-radio", ports=[{"host_ip": "127.0.0.1", "target": 7447}]),
+    "console: a port of the host": _edit("console", ports=[{"host_ip": "0.0.0.0", "target": 8080}]),
     "laser: a secret": _environment("API_TOKEN"),
     "laser: unknown variables": _environment("ROBOT_ID"),
     "laser: on the wrong side of the radio": _edit("laser", networks={"sim": None, "radio": None}),

@@ -94,8 +94,9 @@ def published(**wishes: str) -> list[tuple[str, str]]:
 
 
 def test_the_status_port_is_off_by_default_and_the_loopbacks_alone() -> None:
-    assert published(STATUS_PORT="") == []
-    assert published(STATUS_PORT="17448") == [("router-radio", "127.0.0.1:17448")]
+    page = ("console", "127.0.0.1:8080")
+    assert published(STATUS_PORT="") == [page]
+    assert published(STATUS_PORT="17448") == [page, ("router-radio", "127.0.0.1:17448")]
 
 
 def test_robots_on_two_hosts_make_the_map_of_one_process(two_hosts: Callable[[str], TwoHosts], tmp_path: Path) -> None:

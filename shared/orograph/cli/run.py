@@ -11,6 +11,7 @@ from pathlib import Path
 from orograph.cli.progress import Progress
 from orograph.errors import InputError
 from orograph.launch.lifecycle import resolve, run
+from orograph.launch.processes import free_port
 from orograph.launch.progress import OnProgress, unseen
 from orograph.scenario import Scenario
 from orograph.storage.results import Summary
@@ -37,6 +38,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--in-process", action="store_true", help="all in one process over a simulated network")
     parser.add_argument("--sim-port", type=int, default=0, metavar="PORT", help="sim plane's port (default: free)")
     parser.add_argument("--radio-port", type=int, default=0, metavar="PORT", help="radio plane's port (default: free)")
+    parser.add_argument("--view", nargs="?", type=int, const=0, metavar="PORT",
+                        help="show the run in a browser, on this port of 127.0.0.1 (default: a free one)")  # fmt: skip
     parser.add_argument("--quiet", action="store_true", help="no progress view")
     parser.set_defaults(main=main)
 
@@ -46,14 +49,19 @@ def main(args: argparse.Namespace) -> int:
     scenario = resolve(load_scenario(args.scenario), args.robots, args.seed, args.time_scale)
     if args.capacity < 0:
         raise InputError(f"--capacity {args.capacity}: expected 1 or more robots per process, or 0 for the default")
+    if args.view is not None and args.in_process:
+        raise InputError("--view: what runs in one process is seen afterwards, by `orograph view`; leave --in-process")
     ports = (args.sim_port, args.radio_port)
+    page_port = None if args.view is None else free_port(args.view)
+    if page_port is not None:
+        print(f"see it: http://127.0.0.1:{page_port}", flush=True)
     with shown(scenario, args.quiet) as on_progress:
         out = run(scenario, args.out, in_process=args.in_process, capacity=args.capacity, ports=ports,
-                  on_progress=on_progress)  # fmt: skip
+                  on_progress=on_progress, page_port=page_port)  # fmt: skip
     summary = Summary.read(out)
     copies = "all copies equal" if summary.copies_hash_equal else "COPIES DIFFER"
     print(f"map {summary.glrm_hash} · {copies} · {summary.sim_time_s:.0f} s of simulation "
-          f"in {summary.wall_time_s:.1f} s\nreport: {out / REPORT}")  # fmt: skip
+          f"in {summary.wall_time_s:.1f} s\nreport: {out / REPORT}\nsee it again: orograph view {out}")  # fmt: skip
     for line in lacking(summary):
         print(line, file=sys.stderr)
     return 0 if summary.complete else 1

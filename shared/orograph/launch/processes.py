@@ -23,6 +23,17 @@ from orograph.storage.run_folder import LOGS, SCENARIO, WORLD
 POLL_S = 0.1
 
 
+def free_port(port: int = 0) -> int:
+    """This port of loopback, by default a free one, for a server of ours; raises InputError where it is taken."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except (OSError, OverflowError) as error:
+            raise InputError(f"port {port} on 127.0.0.1 cannot be had ({error}); choose another or 0") from None
+        return int(probe.getsockname()[1])
+
+
 @contextmanager
 def held_endpoint(port: int = 0) -> Iterator[str]:
     """An endpoint on loopback for a router of ours, by default on a free port; raises InputError where it is taken.
@@ -40,13 +51,15 @@ def held_endpoint(port: int = 0) -> Iterator[str]:
 
 
 def run_processes(
-    scenario: Scenario, out: Path, capacity: int, ports: tuple[int, int], on_progress: OnProgress
+    scenario: Scenario, out: Path, capacity: int, ports: tuple[int, int], on_progress: OnProgress,
+    page_port: int | None = None,
 ) -> None:  # fmt: skip
     """Run the mission whose resolved scenario is in out/parts to its end; raises RunError when it can't be.
 
-    `capacity` is robots per process, 0 for the default; of `ports` (sim, radio) 0 is a free one.
+    `capacity` is robots per process, 0 for the default; of `ports` (sim, radio) 0 is a free one. On `page_port`, if
+    any, a console shows it.
     """
-    with started(scenario, out, capacity or default_capacity(scenario), ports) as (supervisor, sim):
+    with started(scenario, out, capacity or default_capacity(scenario), ports, page_port) as (supervisor, sim):
         follow(supervisor, sim, out, on_progress)
 
 
@@ -57,7 +70,7 @@ def default_capacity(scenario: Scenario) -> int:
 
 @contextmanager
 def started(
-    scenario: Scenario, out: Path, capacity: int, ports: tuple[int, int] = (0, 0)
+    scenario: Scenario, out: Path, capacity: int, ports: tuple[int, int] = (0, 0), page_port: int | None = None
 ) -> Iterator[tuple[Supervisor, str]]:  # fmt: skip
     """All processes of a mission, until it is left; gives who keeps them running and the sim plane's endpoint."""
     with ExitStack() as stack:
@@ -73,6 +86,8 @@ def started(
         for service in keys.ROBOT_SERVICES:
             for i in range(-(-len(scenario.robot_ids) // capacity)):
                 supervisor.start(f"{service}-{i + 1}", f"services.{service.replace('-', '_')}")
+        if page_port is not None:
+            supervisor.start("console", "services.console", "--port", str(page_port), aside=True)
         yield supervisor, sim
 
 

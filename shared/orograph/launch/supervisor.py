@@ -29,8 +29,12 @@ class Child:
     log: Path
     essential: bool
     """Its death can't be made good by starting it again: the simulated reality."""
+    aside: bool
+    """No part of the mission, which neither waits for its end nor minds its death."""
     process: subprocess.Popen[bytes]
     deaths_s: list[float] = field(default_factory=list)
+    gone: bool = False
+    """It died too often, and is missed by nobody."""
 
     def last_lines(self) -> str:
         """The end of its log."""
@@ -53,10 +57,12 @@ class Supervisor:
     def __exit__(self, *_: object) -> None:
         self.stop()
 
-    def start(self, name: str, module: str, *arguments: str, essential: bool = False) -> Child:
+    def start(
+        self, name: str, module: str, *arguments: str, essential: bool = False, aside: bool = False
+    ) -> Child:  # fmt: skip
         """Start `python -m <module>`; its output goes to logs/<name>.log."""
         log = self._log_dir / f"{name}.log"
-        child = Child(name, module, arguments, log, essential, self._spawn(module, arguments, log))
+        child = Child(name, module, arguments, log, essential, aside, self._spawn(module, arguments, log))
         self.children.append(child)
         return child
 
@@ -73,15 +79,21 @@ class Supervisor:
         for child in self.children:
             code = child.process.poll()
             if code is None:
-                running = running or not child.name.startswith("router")
-            elif code != 0:
+                running = running or not (child.aside or child.name.startswith("router"))
+            elif code != 0 and not child.gone:
                 self._mend(child, code)
-                running = True
+                running = running or not child.aside
         return not running
 
     def _mend(self, child: Child, code: int) -> None:
         now = time.monotonic()
         child.deaths_s = [t for t in child.deaths_s if now - t < DEATHS_WINDOW_S] + [now]
+        if child.aside and len(child.deaths_s) > DEATHS_MAX:
+            child.gone = True
+            self.restarts.append(
+                f"{child.name} no more: it died too often, the run goes on ({child.log})"
+            )
+            return
         how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
         if child.essential or len(child.deaths_s) > DEATHS_MAX:
             often = f"{len(child.deaths_s)} times within {DEATHS_WINDOW_S:.0f} s"

@@ -62,3 +62,16 @@ def test_a_port_that_is_taken(capsys: pytest.CaptureFixture[str], tmp_path: Path
             capsys, "run", "scenarios/tiny", "--quiet", "--sim-port", str(port), "--out", str(tmp_path / "run")
         )
     assert f"port {port}" in message
+
+
+@pytest.mark.parametrize("command", [["run", "scenarios/tiny", "--view"], ["view", "no-run", "--port"]])
+def test_a_page_whose_port_is_taken(capsys: pytest.CaptureFixture[str], tmp_path: Path, command: list[str]) -> None:
+    with socket.socket() as holder:
+        holder.bind(("127.0.0.1", 0))
+        holder.listen()
+        port = str(holder.getsockname()[1])
+        assert f"port {port} on 127.0.0.1" in _error(capsys, *command, port)
+
+
+def test_a_page_of_a_run_in_one_process(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "--in-process" in _error(capsys, "run", "scenarios/tiny", "--in-process", "--view")

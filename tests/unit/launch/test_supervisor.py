@@ -54,3 +54,20 @@ def test_all_services_ended_well_is_the_end(environment: dict[str, str], tmp_pat
         while not supervisor.poll():
             assert time.monotonic() < deadline
             time.sleep(0.02)
+
+
+def test_one_that_stands_aside_may_die_as_often_as_it_likes_and_nobody_waits_for_it(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
+    with Supervisor(environment, tmp_path / "logs") as supervisor:
+        supervisor.start("one", "lives")
+        aside = supervisor.start("aside", "dies", aside=True)
+        _poll_until(supervisor, lambda: aside.gone)
+        assert len(aside.deaths_s) == 4 and "the run goes on" in supervisor.restarts[-1]
+    with Supervisor(environment, tmp_path / "logs") as supervisor:
+        supervisor.start("one", "ends")
+        supervisor.start("aside", "lives", aside=True)
+        deadline = time.monotonic() + 20
+        while not supervisor.poll():
+            assert time.monotonic() < deadline
+            time.sleep(0.02)

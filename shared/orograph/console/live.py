@@ -1,0 +1,183 @@
+"""A film of a run that goes on, from what an observer hears."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from orograph import keys
+from orograph.arrays import F64
+from orograph.comms.observer import Heard
+from orograph.console.film import Event, Film
+from orograph.geometry import laser_position_m, ray_directions, roll_pitch_yaw, rotation, rotation_from_quaternion
+from orograph.messages import (
+    POSE,
+    REGISTER,
+    ROBOT_REGISTER,
+    Batch,
+    Bodies,
+    Delta,
+    MappingStatus,
+    Message,
+    Packed,
+    Pose,
+    Scan,
+)
+from orograph.nodes.cell_history import CellHistory
+from orograph.nodes.history import History
+from orograph.nodes.robot_mapping import ScanPoseSync
+from orograph.points import points_from_ranges
+from orograph.runtime.briefing import Briefing
+from orograph.scene.site import Site
+from orograph.storage.parts import read_events
+
+KINDS: Final[tuple[type[Message], ...]] = (Batch, Bodies, Delta, MappingStatus, Pose, Scan)
+"""What is listened to."""
+COURSE_BYTES, MAP_BYTES = 2**22, 2**25
+"""Of one body's course, and of the map's."""
+EVENTS_EVERY_S = 1.0
+SCAN_WAIT_NS = 500_000_000
+ANEW_NS = 10_000_000_000
+"""Bodies that are so much older than others are of another run."""
+
+
+class LiveFilm:
+    """`hear` is called from the observer's threads, `film` by the page."""
+
+    def __init__(self, briefing: Briefing) -> None:
+        self._briefing, self._site = briefing, Site(briefing.scenario)
+        scenario = briefing.scenario
+        self._lock, self._frame_ns = threading.Lock(), scenario.frame_ns
+        self._robots = {robot: History(6, scenario.frame_ns, COURSE_BYTES) for robot in scenario.robot_ids}
+        self._vehicles = [History(4, scenario.frame_ns, COURSE_BYTES) for _ in scenario.vehicles]
+        self._backlog = {robot: History(2, scenario.frame_ns, COURSE_BYTES) for robot in scenario.robot_ids}
+        self._map, self._manager_epoch = CellHistory(MAP_BYTES), 0
+        self._versions = np.zeros(scenario.grid.grid.size, np.uint32)
+        self._scanned = {robot: ScanPoseSync(SCAN_WAIT_NS) for robot in scenario.robot_ids}
+        self._scans: dict[str, tuple[Scan, Pose]] = {}
+        self._points: dict[str, tuple[int, F64]] = {}
+        self._directions = ray_directions(scenario.laser)
+        self._rows: dict[str, Packed] = {}
+        self._events: Sequence[Event] = ()
+        self._read_s = -EVENTS_EVERY_S
+        self._newest_ns = -1
+        self.begun_anew = False
+        """Another run has begun since, of which this film knows nothing."""
+
+    def hear(self, heard: Heard) -> None:
+        """Take one message."""
+        robot = keys.split(heard.sender)[1]
+        with self._lock:
+            match heard.message:
+                case Bodies() as bodies:
+                    self._take_bodies(bodies)
+                case Delta() as delta:
+                    self._take_cells(heard.frame * self._frame_ns, delta)
+                case Batch() as batch if robot in self._robots:
+                    self._take_registers(robot, batch)
+                case MappingStatus(stamp_ns=stamp_ns, waiting_cells=waiting) if robot in self._backlog:
+                    self._backlog[robot].append(stamp_ns, waiting)
+                case (Scan() | Pose()) as seen:
+                    owner = robot if isinstance(seen, Pose) else keys.split(heard.to)[1]
+                    self._take_scan(owner, seen)
+
+    def film(self) -> Film:
+        """What has been heard so far."""
+        self._read_events()
+        with self._lock:
+            return Film(
+                self._site, self._briefing.scenario.title,
+                {robot: course.rows() for robot, course in self._robots.items()},
+                [course.rows() for course in self._vehicles],
+                {robot: course.rows() for robot, course in self._backlog.items()},
+                self._map.rows(), self._events, {robot: self._points_of(robot) for robot in self._scans},
+                self._registers, live=True,
+            )  # fmt: skip
+
+    def _take_bodies(self, bodies: Bodies) -> None:
+        if bodies.stamp_ns <= self._newest_ns:
+            self.begun_anew |= bodies.stamp_ns < self._newest_ns - ANEW_NS
+            return
+        self._newest_ns = bodies.stamp_ns
+        vehicles = len(self._vehicles)
+        robots = bodies.poses[: len(bodies.poses) - vehicles]
+        for (_, course), pose in zip(self._robots.items(), robots, strict=False):
+            if pose["present"]:
+                x, y, z = pose["position_m"]
+                course.append(bodies.stamp_ns, x, y, z, _yaw_rad(pose), self._has_radio(x, y))
+        for course, pose in zip(self._vehicles, bodies.poses[len(robots) :], strict=False):
+            course.append(bodies.stamp_ns, *pose["position_m"][:2], _yaw_rad(pose))
+
+    def _has_radio(self, x_m: float, y_m: float) -> float:
+        cell = self._site.scenario.grid.grid.row_col(x_m, y_m)
+        return 1.0 if cell is None else float(self._site.given[1][cell] > 0)
+
+    def _take_cells(self, stamp_ns: int, delta: Delta) -> None:
+        """Cells that are newer than those known; a manager that began anew counts its versions anew."""
+        if delta.manager_epoch < self._manager_epoch or len(delta.cells) == 0:
+            return
+        if delta.manager_epoch > self._manager_epoch:
+            self._manager_epoch, self._versions[:] = delta.manager_epoch, 0
+        cells: Packed = delta.cells[delta.cells["cell"] < len(self._versions)]
+        cells = cells[cells["version"] > self._versions[cells["cell"]]]
+        self._versions[cells["cell"]] = cells["version"]
+        self._map.append(stamp_ns, cells)
+
+    def _take_registers(self, robot: str, batch: Batch) -> None:
+        """A robot's registers that are newer than those known, as they went up."""
+        known = self._rows.setdefault(robot, np.zeros(len(self._versions), REGISTER))
+        told: Packed = batch.records[batch.records["cell"] < len(known)]
+        held = known[told["cell"]]
+        newer = (batch.epoch > held["epoch"]) | ((batch.epoch == held["epoch"]) & (told["seq"] > held["seq"]))
+        told = told[newer]
+        rows = np.zeros(len(told), REGISTER)
+        rows["epoch"] = batch.epoch
+        for name in told.dtype.names or ():
+            rows[name] = told[name]
+        known[told["cell"]] = rows
+
+    def _registers(self) -> Packed:
+        with self._lock:
+            return self._named_registers()
+
+    def _named_registers(self) -> Packed:
+        rows = [np.zeros(0, ROBOT_REGISTER)]
+        for robot, known in self._rows.items():
+            kept = known[known["epoch"] > 0]
+            named = np.zeros(len(kept), ROBOT_REGISTER)
+            named["robot"] = keys.robot_number(robot)
+            for name in REGISTER.names or ():
+                named[name] = kept[name]
+            rows.append(named)
+        return np.concatenate(rows)
+
+    def _take_scan(self, robot: str, seen: Scan | Pose) -> None:
+        if robot not in self._scanned:
+            return
+        self._scanned[robot].take(seen)
+        for scan, pose in self._scanned[robot].pairs(seen.stamp_ns):
+            self._scans[robot] = scan, pose
+
+    def _points_of(self, robot: str) -> F64:
+        """Points of the newest scan where the robot believed itself to be; made when they are looked at."""
+        scan, pose = self._scans[robot]
+        if self._points.get(robot, (-1,))[0] != scan.stamp_ns:
+            R_map_robot = rotation(pose.roll_rad, pose.pitch_rad, pose.yaw_rad)
+            eye_m = laser_position_m(self._site.scenario.laser, R_map_robot, np.array([pose.x_m, pose.y_m, pose.z_m]))
+            points, _ = points_from_ranges(scan.ranges, self._directions, R_map_robot, eye_m)
+            self._points[robot] = scan.stamp_ns, points
+        return self._points[robot][1]
+
+    def _read_events(self) -> None:
+        now_s = time.monotonic()
+        if now_s - self._read_s >= EVENTS_EVERY_S:
+            self._read_s, self._events = now_s, read_events(self._briefing.folder)
+
+
+def _yaw_rad(pose: Packed) -> float:
+    assert pose.dtype == POSE
+    return roll_pitch_yaw(rotation_from_quaternion(pose["quaternion_wxyz"]))[2]
