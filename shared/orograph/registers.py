@@ -11,7 +11,7 @@ from orograph.arrays import I64, Mask
 from orograph.grid import Grid
 from orograph.layers import MAPPED, MAPPED_LAYERS, WIDTH, CellMap, Layer, holds_nothing
 from orograph.messages import UPDATE, Packed
-from orograph.register_kernels import whole_numbers
+from orograph.register_kernels import put_whole_numbers
 
 _STEP = np.array([kind.step for kind in MAPPED])
 _LOWEST, _HIGHEST = np.array([kind.lowest for kind in MAPPED]), np.array([kind.highest for kind in MAPPED])
@@ -22,17 +22,10 @@ UNKNOWN = np.array([NO_CODE if kind.unknown is None else kind.unknown for kind i
 
 def pack(cells: npt.NDArray[Any], tick_ms: npt.ArrayLike, values: npt.ArrayLike) -> Packed:
     """UPDATE records (n,) with seq 0 from values (n, WIDTH) in the layers' units; confidence rounds to at least 1."""
-    whole = whole_numbers(np.asarray(values), _STEP, _LOWEST, _HIGHEST, UNKNOWN)
     records = np.zeros(len(cells), UPDATE)
     records["cell"], records["tick"] = cells, tick_ms
-    put_numbers(records, whole)
+    put_whole_numbers(np.asarray(values), _STEP, _LOWEST, _HIGHEST, UNKNOWN, records)
     return records
-
-
-def put_numbers(records: Packed, whole: npt.NDArray[Any]) -> None:
-    """Set the layers of records (n,) to whole numbers (n, WIDTH), in place."""
-    for name, column in zip(MAPPED_LAYERS, whole.T, strict=True):
-        records[name] = column
 
 
 def has_evidence(records: Packed) -> Mask:

@@ -96,8 +96,7 @@ class RobotMapper:
                 cells = self._see_through(eye_m, cells, kinds, tick)
         with self._stage("rescale"):
             touched = self._registers_of(evidence.rescale(cells))
-            touched = np.compress(has_evidence(touched), touched)
-            return touched if held is None else np.compress(moved(touched, held[touched["cell"]]), touched)
+            return np.compress(has_evidence(touched) if held is None else moved(touched, held), touched)
 
     def step_scan(
         self,

@@ -8,16 +8,15 @@ from orograph.arrays import Mask
 from orograph.layers import MAPPED
 from orograph.messages import Packed
 from orograph.register_kernels import moved_enough
-from orograph.registers import UNKNOWN, has_evidence, numbers
+from orograph.registers import UNKNOWN
 
 _MOVED = np.array([kind.moved for kind in MAPPED])
 
 
 def moved(new: Packed, held: Packed) -> Mask:
-    """Which registers `new` (n,) are of first sight, or away from those held (n,) by more than a layer's threshold.
+    """Which registers `new` (n,) say something of first sight, or away from what is held by more than a threshold.
 
-    To become known or unknown is to move.
+    `held` (cells,) are the registers of all cells, confidence 0 for none. To become known or unknown is to move.
     """
-    here, there = numbers(new), numbers(held)
-    far: Mask = moved_enough(here, there, _MOVED, UNKNOWN)
-    return far | ~has_evidence(held)
+    mask: Mask = moved_enough(new, held, _MOVED, UNKNOWN)
+    return mask

@@ -119,7 +119,7 @@ class RobotMappingNode:
 
     def _offer(self, registers: Packed) -> None:
         """Those of them that are away enough from what waits already."""
-        self._sync.offer(np.compress(moved(registers, self._sync.own[registers["cell"]]), registers))
+        self._sync.offer(np.compress(moved(registers, self._sync.own), registers))
 
     def _synchronise(self, from_manager: Sequence[Message], send: Send, note: Note) -> None:
         epoch, fenced, lost = self._sync.epoch, self._sync.fenced, self._sync.registers_lost
