@@ -29,7 +29,7 @@ def put_whole_numbers(values: Any, step: Any, lowest: Any, highest: Any, unknown
                 record[name] = np.int64(0) if steps == 0.0 else unknown[k]
             else:
                 record[name] = np.int64(min(max(nearest, lowest[k]), highest[k]))
-            k += 1
+            k += 1  # noqa: SIM113 - numba unrolls no enumerate
 
 
 @njit(cache=True)
@@ -53,6 +53,6 @@ def moved_enough(new: Any, held: Any, threshold: Any, unknown: Any) -> Any:
             a, b = np.int64(here[name]), np.int64(there[name])
             appeared = threshold[k] < math.inf and (a == unknown[k]) != (b == unknown[k])
             far |= appeared or abs(a - b) > threshold[k]
-            k += 1
+            k += 1  # noqa: SIM113 - numba unrolls no enumerate
         mask[i] = far and says_something(here)
     return mask
