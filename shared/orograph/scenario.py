@@ -31,6 +31,8 @@ from orograph.rules import NamedRules, Rules
 
 Metres = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 PointM = tuple[Metres, Metres]
+PlaceM = Annotated[float, Field(allow_inf_nan=False, ge=-1e8, le=1e8)]
+"""A coordinate in a frame of the whole Earth."""
 Location = tuple[str | int, ...]
 """Where in the file: (`starts`, 2, `x_m`) is starts[2].x_m."""
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -255,6 +257,8 @@ class Scenario(Part):
     attribution: str = ""
     crs: Annotated[str, Field(max_length=400)] = ""
     """The map frame on Earth, as PROJ or EPSG spell it; empty for a made-up place."""
+    crs_origin_m: tuple[PlaceM, PlaceM] = (0.0, 0.0)
+    """Where in it the map frame's origin lies, east and north: for instance in a UTM zone."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     duration_max_s: Annotated[float, Field(gt=1, le=7200)] = 600.0
     """The mission is flushed at this simulation time if it has not ended before."""

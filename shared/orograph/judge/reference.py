@@ -32,8 +32,8 @@ from orograph.sensing.truth import dense_scans
 from orograph.storage.run_folder import write_arrays
 
 UNSEEN = {
-    "name": "reference", "title": "reference", "attribution": "", "crs": "", "seed": 0, "duration_max_s": 600.0,
-    "time_scale": "max", "frame_ms": 100, "vehicles": (), "base_station_m": (0.0, 0.0),
+    "name": "reference", "title": "reference", "attribution": "", "crs": "", "crs_origin_m": (0.0, 0.0), "seed": 0,
+    "duration_max_s": 600.0, "time_scale": "max", "frame_ms": 100, "vehicles": (), "base_station_m": (0.0, 0.0),
     "navigation_sensors": NavigationSensorsSpec(), "radio": RadioSpec(),
 }  # fmt: skip
 """What the reference does not depend on, as it is always built: neither these nor their changes can move it."""

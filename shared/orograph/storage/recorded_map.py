@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import ClassVar, Literal
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -52,12 +53,12 @@ def write_map(out: Path, cells: CellMap) -> None:
 def read_map(path: Path) -> CellMap:
     """A map as `map_arrays` gives it; raises FolderError."""
     try:
-        with np.load(path, allow_pickle=False) as held:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as held:
             arrays = {name: held[name] for name in held.files}
         x0, y0 = (float(v) for v in arrays["origin_m"])
         layers = {name: arrays[name].astype(np.float32) for name in arrays if name in KINDS}
         rows, cols = layers["height"].shape
         grid = Grid((x0, y0), float(arrays["cell_m"]), (rows, cols))
         return CellMap(grid, {**CellMap.unknown(grid).by_name, **layers})
-    except (OSError, ValueError, KeyError, AssertionError) as error:
+    except (OSError, ValueError, KeyError, AssertionError, BadZipFile) as error:
         raise FolderError(f"{path}: no map that can be read ({type(error).__name__}: {error})") from None

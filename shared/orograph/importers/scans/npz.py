@@ -16,7 +16,7 @@ from orograph.importers.scans.scan import Scan, ScanError
 def read(path: Path) -> Scan:
     """One .npz file; points with `position_m` alone are in the map frame, seen from there. Raises ScanError."""
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             held = {name: file[name] for name in file.files}
     except (ValueError, EOFError, zipfile.BadZipFile, zlib.error, KeyError, NotImplementedError) as error:
         raise ScanError(f"{path}: no npz that can be read: {error}") from None
