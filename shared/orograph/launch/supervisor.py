@@ -90,9 +90,7 @@ class Supervisor:
         child.deaths_s = [t for t in child.deaths_s if now - t < DEATHS_WINDOW_S] + [now]
         if child.aside and len(child.deaths_s) > DEATHS_MAX:
             child.gone = True
-            self.restarts.append(
-                f"{child.name} no more: it died too often, the run goes on ({child.log})"
-            )
+            self.restarts.append(f"{child.name} no more: it died too often, the run goes on ({child.log})")
             return
         how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
         if child.essential or len(child.deaths_s) > DEATHS_MAX:
