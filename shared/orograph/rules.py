@@ -16,7 +16,7 @@ SLOPE_MAX = 0.3
 # What bars a block or cell by the rule set `surface`, for robots and fold alike (mapping.md section 7).
 FREE_SHARE_OPEN = 0.6
 WALL_SHARE_RIM = 0.1
-"""A block of which more than 6/10 is free is no house; of the fine cells along a wall, a tenth, half is free."""
+"""A block of which more than 6/10 is free is no house; walls of up to a tenth are a rim, half of it free."""
 FREE_SHARE_SEEN = 0.25
 """Of so much seen: a cell that is free and shows no wall is no house either."""
 TOP_SURE, SHARE_HALF = 64, 0.5

@@ -62,7 +62,8 @@ def fold_surfaces(prior: np.void, registers: Sequence[np.void], rules: Any) -> t
         surface = ground(surface, {**new, "c": c}, rules)
         shares.append((new["wall_share"], new["free_share"], max(c, c_top)))
         walls, free = Fraction(new["wall_share"], 200), Fraction(new["free_share"], 200)
-        is_open = free + min(walls, Fraction(1, 10)) / 2 > Fraction(6, 10) or (walls == 0 and free >= Fraction(1, 4))
+        rim = walls if walls <= Fraction(1, 10) else 0
+        is_open = free + rim / 2 > Fraction(6, 10) or (walls == 0 and free >= Fraction(1, 4))
         sure = new["confidence_top"] >= 64
         shows = not is_open and walls > 0 and (sure or walls > Fraction(6, 100))
         barred = not is_open and (barred or (shows and sure and walls + free >= Fraction(1, 2)))
@@ -130,15 +131,18 @@ def fold_slowly(prior: np.ndarray, registers: np.ndarray, rules: Rules) -> np.nd
 # --- one scan of one robot ------------------------------------------------------------------------------------------
 
 
-def parted(zs: Sequence[float], weights: Sequence[float], raised: Sequence[bool], ground_m: float | None, step_m: float,
+def parted(zs: Sequence[float], weights: Sequence[float], seen_as: Sequence[int], ground_m: float | None, step_m: float,
            overhang_m: float) -> tuple[str, float | None, float | None, float]:  # fmt: skip
-    """(kind, ground, top, its confidence) of one cell's points with their f(D); `ground_m` is sure held ground."""
+    """(kind, ground, top, its confidence) of one cell's points with their f(D); `ground_m` is sure held ground.
+
+    Each point is seen as ground (0), raised (1) or unclear (2), which makes neither surface.
+    """
     foot = min([*zs, *([] if ground_m is None else [ground_m])])
-    high = [(z, f) for z, f, up in zip(zs, weights, raised, strict=True) if up or z - foot >= step_m]
-    low = [z for z, up in zip(zs, raised, strict=True) if not up and z - foot < step_m]
+    points = [(z, f, it == 1 or z - foot >= step_m) for z, f, it in zip(zs, weights, seen_as, strict=True) if it != 2]
+    high, low = [(z, f) for z, f, up in points if up], [z for z, _, up in points if not up]
     if any(z - foot <= overhang_m for z, _ in high):
         tops = sorted((z for z, _ in high), reverse=True)
         seen = min(len(high), 16) / 16 * sum(f for _, f in high) / len(high)
         return "step", None, tops[2] if len(tops) > 2 else tops[0], 255 * seen
-    flat = max(zs) - foot < step_m and not any(raised)
+    flat = max(zs) - foot < step_m and not any(seen_as)
     return "flat" if flat else "neither", sum(low) / len(low) if low else None, None, 0.0

@@ -17,6 +17,8 @@ RANGE_MIN_M = 1.0
 """What comes back from nearer is no surface: rays without a return at the sensor's own place, the robot's own body."""
 FLOAT32_STEP_MAX_M = 2e-3
 """Coarsest step of float32 coordinates that is taken: as fine as the ranges of the simulated laser."""
+HEIGHT_POINTS, HEIGHT_OFF_M = 100, 0.05
+"""So many points, and ranges that agree with a height to this much, tell the laser's height."""
 CLOCK_BACK_NS = 1_000_000_000
 """A stamp that lies further back than this is of a clock that was set back; a nearer one came late."""
 TICK_MAX = 2**32 - 1
@@ -76,6 +78,26 @@ def checked_position(position_xy_m: npt.ArrayLike) -> tuple[float, float]:
     if len(array) < 2 or not np.isfinite(array[:2]).all():
         raise ValueError(f"position_xy_m: expected finite (x, y) [m, map frame], found {array.tolist()}")
     return float(array[0]), float(array[1])
+
+
+def laser_height_m(points: npt.NDArray[Any], ranges_m: F64, x_m: float, y_m: float) -> float:
+    """The laser's z [m] from its x, y and the ranges (n,) of points (n, 3); NaN where these do not tell it.
+
+    (z - laser's z)^2 is what the range leaves beside the way across, so a line through these squares gives it; on flat
+    ground, where the points' z hardly differ, the laser is as far above it.
+    """
+    known = np.isfinite(points).all(axis=1) & np.isfinite(ranges_m)
+    x, y, z = np.asarray(points[known], np.float64).T
+    ranges, across_m = ranges_m[known], np.hypot(x - x_m, y - y_m)
+    left = ranges**2 - across_m**2
+    if len(z) < HEIGHT_POINTS:
+        return math.nan
+    middle = z - z.mean()
+    candidates = [float(np.median(z + np.sqrt(np.maximum(left, 0.0))))]
+    if middle.any():
+        candidates.append(float(-(middle @ (left - z**2)) / (2.0 * middle @ middle)))
+    off_m, height_m = min((float(np.median(np.abs(np.hypot(across_m, z - h) - ranges))), h) for h in candidates)
+    return height_m if off_m < HEIGHT_OFF_M else math.nan
 
 
 def within(points: npt.NDArray[Any], extent_m: tuple[float, float, float, float]) -> Mask:

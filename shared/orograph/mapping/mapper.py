@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from orograph.arrays import F32, F64, U1, Mask
+from orograph.arrays import F32, F64, U1
 from orograph.grid import Grid
 from orograph.layers import HEIGHT_TOP, CellMap
 from orograph.mapping.cells import Cells, Given, Values, cut, map_of, unknown_values
@@ -18,6 +18,7 @@ from orograph.mapping.door import (
     checked_points,
     checked_position,
     checked_ranges,
+    laser_height_m,
     positive,
     within,
 )  # fmt: skip
@@ -27,13 +28,20 @@ from orograph.mapping.occupancy import Codes, OccupancyView
 from orograph.mapping.reconstruction import DROP_REASONS, Reconstructor
 from orograph.mapping.rescaling import expand, rescale
 from orograph.mapping.seeing import Rays
+from orograph.mapping.seeing_kernels import BINS
 from orograph.mapping.surface_kernels import STEP
 from orograph.mapping.updates import moved
-from orograph.messages import Packed
+from orograph.messages import RANGE_UNIT_M, Packed
 from orograph.points import points_from_ranges
 from orograph.registers import has_evidence, pack, values
 from orograph.rules import SLOPE_MAX, Rules
 from orograph.stages import Stage, untimed
+
+GRAZING_M = 0.02
+"""A ray that passes no more than this over the top that was seen would have hit it, if it were there."""
+SILENT_RISE = 0.1
+"""Rays without a return count as passing everything, as long as they rise by no more than this per metre."""
+NO_RAYS, EVERYWHERE = np.zeros((3, 0)), np.full(BINS, np.inf)
 
 
 class RobotMapper:
@@ -54,7 +62,8 @@ class RobotMapper:
         self._reconstructor = Reconstructor(
             hrm_cells**2, positive("range_max_m", range_max_m), rules.real(slope_max), stage
         )
-        self._rays, self._cell_m = Rays(), glrm_grid.cell_m / per_glrm_cell
+        self._rays, self._silent, self._cell_m = Rays(), Rays(), glrm_grid.cell_m / per_glrm_cell
+        self._silent_units = np.uint16(min(range_max_m / RANGE_UNIT_M, 2**16 - 1))
         self._rules, self._slope_max, self._stage = rules, slope_max, stage
         self._given = map_of(unknown_values(glrm_grid.size), glrm_grid, given)
         self._fine_rules, self._coarse_rules = rules.real(slope_max), rules.real(None)
@@ -68,18 +77,21 @@ class RobotMapper:
     ) -> Packed:  # fmt: skip
         """Map one scan: points (n, 3) [m, map frame] measured at ranges (n,) [m]; returns the UpdatedCellsList.
 
-        The HRM follows `position_m`, the laser's place (x, y) or (x, y, z); rules of two surfaces need its z to see
-        what rays pass through. `stamp_ns` is of any clock that counts nanoseconds. The list (UPDATE, ascending
-        cells, seq 0) has the touched cells that are away enough from what the receiver holds, each with the robot's
-        whole evidence for it (mapping.md section 4). `held` (cells of the GLRM,) are the receiver's registers, UPDATE
-        or REGISTER, with confidence 0 where it holds none; None is nothing at all. Raises ValueError for what is no
-        scan.
+        The HRM follows `position_m`, the laser's place (x, y, z), or (x, y) where the ranges tell its height; without
+        that, rules of two surfaces do not see what rays pass through. `stamp_ns` is of any clock that counts
+        nanoseconds. The list (UPDATE, ascending cells, seq 0) has the touched cells that are away enough from what the
+        receiver holds, each with the robot's whole evidence for it (mapping.md section 4). `held` (cells of the GLRM,)
+        are the receiver's registers, UPDATE or REGISTER, with confidence 0 where it holds none; None is nothing at all.
+        Raises ValueError for what is no scan.
         """
         points = checked_points(points)
         points, ranges_m, dropped = beyond(points, checked_ranges(ranges_m, len(points)), self._range_min_m)
         self._below_range += dropped
-        checked_position(position_m)
+        x_m, y_m = checked_position(position_m)
         eye_m = np.asarray(position_m, np.float64)
+        if len(eye_m) == 2 and self._rules.two_surfaces:
+            eye_m = np.array([x_m, y_m, laser_height_m(points, ranges_m, x_m, y_m)])
+        self._silent.sort(NO_RAYS, eye_m, self._cell_m)
         return self._map(points, ranges_m, eye_m, self._clock.tick(stamp_ns), held)
 
     def _map(
@@ -111,6 +123,9 @@ class RobotMapper:
         with self._stage("points"):
             points, ranges_m = points_from_ranges(ranges, directions, R_map_robot, laser_position_m)
         eye_m = np.asarray(laser_position_m, np.float64)
+        if self._rules.two_surfaces:
+            silent, _ = points_from_ranges(np.where(ranges == 0, self._silent_units, 0), directions, R_map_robot, eye_m)
+            self._silent.sort(silent.T, eye_m, self._cell_m, rise_max=SILENT_RISE)
         return self._map(points, ranges_m, eye_m, stamp_ns // 1_000_000, held)
 
     def _count_outside_map(self, points: npt.NDArray[Any]) -> None:
@@ -122,10 +137,11 @@ class RobotMapper:
             return
         self._outside_map += int((within(points, window) & ~within(points, whole)).sum())
 
-    def _raised(self, points: npt.NDArray[Any], eye_m: F64) -> Mask:
+    def _raised(self, points: npt.NDArray[Any], eye_m: F64) -> U1:
         if not self._rules.two_surfaces or not _has_height(eye_m):
-            return np.zeros(len(points), np.bool_)
-        return self._rays.sort(np.ascontiguousarray(points.T, np.float64), eye_m, self._rules.step_m / self._cell_m)
+            return np.zeros(len(points), np.uint8)
+        self._rays.sort(np.ascontiguousarray(points.T, np.float64), eye_m, self._cell_m)
+        return self._rays.raised(len(points), self._rules.step_m / self._cell_m)
 
     def _see_through(self, eye_m: F64, cells: Cells, kinds: U1, tick: int) -> Cells:
         """Free what rays passed through and keep the scan's obstacles for planning; all cells that may have changed."""
@@ -136,8 +152,9 @@ class RobotMapper:
         standing = evidence.standing > 0
         standing[hit] = False
         stands = np.flatnonzero(standing)
-        tops_m = evidence.values[stands, HEIGHT_TOP] - np.float32(self._rules.step_m)
-        passes = self._rays.passes(eye_m, evidence.grid, stands, tops_m)
+        tops_m = evidence.values[stands, HEIGHT_TOP] + np.float32(GRAZING_M)
+        passes = self._rays.passes(eye_m, evidence.grid, stands, tops_m, EVERYWHERE)
+        passes += self._silent.passes(eye_m, evidence.grid, stands, tops_m, self._rays.clear_m)
         self._rays.free_unseen(evidence.values, evidence.blocks_of(hit), evidence.factor, evidence.grid, eye_m)
         return np.concatenate([cells, evidence.clear_passed(stands, passes, self._fine_rules)])
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from orograph.arrays import F64, I64, U1, Mask
+from orograph.arrays import F64, I64, U1
 from orograph.grid import Grid
 from orograph.layers import CellMap
 from orograph.mapping import reconstruction_kernels as kernels
@@ -63,7 +63,7 @@ class Reconstructor:
         """Points dropped so far, in the order of DROP_REASONS."""
 
     def aux(
-        self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], grid: Grid, held: Values, raised: Mask
+        self, points: npt.NDArray[Any], ranges_m: npt.NDArray[Any], grid: Grid, held: Values, raised: U1
     ) -> tuple[Cells, Values, U1]:
         """Cells (k,) of `grid` that points (n, 3) fell into, their values (k, WIDTH) and kinds, until the next call.
 
@@ -104,7 +104,7 @@ def reconstruct(
     points = checked_points(points)
     points, ranges_m, _ = beyond(points, checked_ranges(ranges_m, len(points)), 0.0)
     maker = Reconstructor(grid.size, positive("range_max_m", range_max_m), PAPER.real(slope_max))
-    raised = np.zeros(len(points), np.bool_)
+    raised = np.zeros(len(points), np.uint8)
     values = unknown_values(grid.size)
     cells, touched, _ = maker.aux(points, ranges_m, grid, values, raised)
     values[cells] = touched

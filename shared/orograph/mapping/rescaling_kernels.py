@@ -64,6 +64,8 @@ def rescale_block(values: Any, ticks: Any, cols: int, factor: int, first: int, c
             gradient_y, of_y = (gradient_y, of_y) if math.isnan(gy) else (gradient_y + c * gy, of_y + c)
             if not math.isnan(o):
                 occupation, of_occupation = occupation + c * o, of_occupation + c
+            elif values[cell, FREE_SHARE] > 0.0:
+                of_occupation += c  # flat, and too little of it seen to have a slope
     coarse[HEIGHT], coarse[GRADIENT_X] = height / of_height, gradient_x / of_x  # 0 / 0: unknown in every cell
     coarse[GRADIENT_Y], coarse[OCCUPATION] = gradient_y / of_y, occupation / of_occupation
     size = factor * factor
@@ -71,7 +73,8 @@ def rescale_block(values: Any, ticks: Any, cols: int, factor: int, first: int, c
     coarse[HEIGHT_TOP], coarse[CONFIDENCE_TOP] = top, of_top / max(seen_top, 1)
     sure = coarse[CONFIDENCE_TOP] >= TOP_SURE
     shows = walls > 0.0 and (sure or walls > WALL_SHARE_FEW * size)
-    if shows and free + min(walls, WALL_SHARE_RIM * size) / 2.0 <= FREE_SHARE_OPEN * size:
+    rim = walls if walls <= WALL_SHARE_RIM * size else 0.0
+    if shows and free + rim / 2.0 <= FREE_SHARE_OPEN * size:
         coarse[OCCUPATION] = 1.0 if sure and walls + free >= SHARE_HALF * size else OCCUPATION_DOUBTFUL
     return newest
 

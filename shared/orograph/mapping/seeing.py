@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from orograph.arrays import F32, F64, I64, Mask
+from orograph.arrays import F32, F64, I64, U1
 from orograph.grid import Grid
 from orograph.mapping.cells import Cells, Values
-from orograph.mapping.seeing_kernels import BINS, count_passes, find_raised, free_unseen, sort_rays
+from orograph.mapping.seeing_kernels import BEYOND, BINS, count_passes, find_raised, free_unseen, sort_rays
 
 
 class Rays:
@@ -17,32 +19,38 @@ class Rays:
         self._first: I64 = np.zeros(BINS + 1, np.int64)
         self._low_m: F64 = np.zeros(BINS)
         self._far_m: F64 = np.zeros(BINS)
+        self.clear_m: F64 = np.full(BINS, math.inf)
+        """How far nothing stands, by direction."""
         self._sized(0)
 
     def _sized(self, points: int) -> None:
         self._order: I64 = np.empty(points, np.int64)
         self._reach_m: F64 = np.empty(points)
         self._rise: F64 = np.empty(points)
-        self._raised: Mask = np.zeros(points, np.bool_)
+        self._raised: U1 = np.zeros(points, np.uint8)
 
-    def sort(self, xyz: F64, eye_m: F64, steepest: float) -> Mask:
-        """Take a scan's points (3, n) seen from `eye_m` (3,); which of them (n,) cannot be ground.
+    def sort(self, xyz: F64, eye_m: F64, cell_m: float, rise_max: float = math.inf) -> None:
+        """Take a scan's points (3, n) seen from `eye_m` (3,), those of rays that rise by no more than `rise_max`."""
+        if xyz.shape[1] > len(self._order):
+            self._sized(xyz.shape[1])
+        rays = self._order, self._reach_m, self._rise
+        sort_rays(xyz, eye_m, BEYOND * cell_m, rise_max, self._first, *rays, self._low_m, self._far_m)
+
+    def raised(self, points: int, steepest: float) -> U1:
+        """Whether each of the sorted points (n,) is ground, raised or unclear (`seeing_kernels`).
 
         Ground is what a slope of `steepest` [m/m] leads to.
         """
-        n = xyz.shape[1]
-        if n > len(self._order):
-            self._sized(n)
-        rays = self._order, self._reach_m, self._rise
-        sort_rays(xyz, eye_m, self._first, *rays, self._low_m, self._far_m)
-        find_raised(steepest, self._first, *rays, self._raised[:n])
-        return self._raised[:n]
+        rays = self._first, self._order, self._reach_m, self._rise
+        find_raised(steepest, *rays, self._raised[:points], self.clear_m)
+        return self._raised[:points]
 
-    def passes(self, eye_m: F64, grid: Grid, cells: Cells, tops_m: F32) -> I64:
-        """How many rays cross each of `cells` (k,) of `grid` below its top (k,)."""
+    def passes(self, eye_m: F64, grid: Grid, cells: Cells, tops_m: F32, clear_m: F64) -> I64:
+        """How many rays cross each of `cells` (k,) of `grid` below its top (k,), not beyond `clear_m` (BINS,)."""
         passes: I64 = np.zeros(len(cells), np.int64)
         place = (grid.cols, *grid.origin_m, grid.cell_m)
-        count_passes(cells, tops_m, *place, eye_m, self._first, self._reach_m, self._rise, self._far_m, passes)
+        rays = self._first, self._reach_m, self._rise, self._far_m
+        count_passes(cells, tops_m, *place, eye_m, *rays, clear_m, passes)
         return passes
 
     def free_unseen(self, values: Values, blocks: Cells, factor: int, grid: Grid, eye_m: F64) -> None:

@@ -23,8 +23,8 @@ BEYOND = 1.0
 """... and ends at least so many cell sides behind its centre."""
 NEAREST = 2.0
 """Nearer to the eye, in cell sides, nothing is judged."""
-LEVEL = 0.01
-"""A ray that rises by less passes no higher than the eye, or little."""
+LOW_M = 1.0
+"""A ray that is no higher than this over the eye shows that no house stands where it passes."""
 STEEP = 2.0
 """Rising by so much per metre is no ground."""
 SIDE_BY_SIDE = 0.1
@@ -33,6 +33,9 @@ BEHIND = 0.1
 """Behind something that stands ground may rise by so much per metre: what is higher is rather its roof."""
 FOOT_M = 0.15
 """The lower of two such points is their foot, and ground, unless it is higher over the last ground than this."""
+GROUND, RAISED, UNCLEAR = 0, 1, 2
+GAP_M, UNLIKE = 2.0, 0.15
+"""Over a wider gap ground that rises by so much more per metre than before is taken for neither."""
 NOISE_M = 0.05
 """Points less than this above each other are noise, not steepness."""
 
@@ -47,11 +50,15 @@ def direction(x: float, y: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def sort_rays(xyz: Any, eye_m: Any, first: Any, order: Any, reach_m: Any, rise: Any, low_m: Any, far_m: Any) -> None:
+def sort_rays(
+    xyz: Any, eye_m: Any, beyond_m: float, rise_max: float, first: Any, order: Any, reach_m: Any, rise: Any,
+    low_m: Any, far_m: Any,
+) -> None:  # fmt: skip
     """Rays by direction, and within one from the lowest up: bin b holds places `first[b]` to `first[b + 1]`.
 
     At a place stand the point's number in xyz (3, n), its horizontal reach [m] and its rise [m/m]. `low_m` (BINS,) is
-    the longest reach of each bin's rays that do not rise, `far_m` of all. Points that are not finite belong to no bin.
+    how far each bin's rays go, `beyond_m` short of their ends, before they are higher than LOW_M; `far_m` is the
+    longest reach. Points that are not finite, or rise by more than `rise_max`, belong to no bin.
     """
     n = xyz.shape[1]
     bins = np.empty(n, np.int32)
@@ -59,8 +66,9 @@ def sort_rays(xyz: Any, eye_m: Any, first: Any, order: Any, reach_m: Any, rise: 
     low_m[:] = 0.0
     far_m[:] = 0.0
     for i in range(n):
-        turn = direction(xyz[0, i] - eye_m[0], xyz[1, i] - eye_m[1])
-        bins[i] = np.int32(turn * PER_UNIT) & (BINS - 1) if abs(turn) <= 4.0 and abs(xyz[2, i]) < math.inf else -1
+        x, y, z = xyz[0, i] - eye_m[0], xyz[1, i] - eye_m[1], xyz[2, i] - eye_m[2]
+        turn, known = direction(x, y), abs(z) < math.inf and z <= rise_max * math.sqrt(x * x + y * y)
+        bins[i] = np.int32(turn * PER_UNIT) & (BINS - 1) if known and abs(turn) <= 4.0 else -1
         if bins[i] >= 0:
             first[bins[i] + 1] += 1
     for b in range(BINS):
@@ -80,27 +88,38 @@ def sort_rays(xyz: Any, eye_m: Any, first: Any, order: Any, reach_m: Any, rise: 
         order[k], reach_m[k], rise[k] = i, flat_m, up
         end[b] += 1
         far_m[b] = max(far_m[b], flat_m)
-        if up <= LEVEL:
-            low_m[b] = max(low_m[b], flat_m)
+        low_m[b] = max(low_m[b], min(flat_m - beyond_m, LOW_M / up) if up > 0.0 else flat_m - beyond_m)
 
 
 @njit(cache=True)
-def find_raised(steepest: float, first: Any, order: Any, reach_m: Any, rise: Any, raised: Any) -> None:
-    """Mark in `raised` (n,) the points that cannot be ground, direction by direction.
+def find_raised(
+    steepest: float, first: Any, order: Any, reach_m: Any, rise: Any, raised: Any, clear_m: Any
+) -> None:  # fmt: skip
+    """Mark in `raised` (n,) the points that are RAISED or UNCLEAR, direction by direction; the others are GROUND.
 
-    They lie one above the other on something steep, or higher than a slope of `steepest` leads from the last ground.
+    `clear_m` (BINS,) becomes the reach of the nearest raised one of each direction.
+
+    Raised: they lie one above the other on something steep, or over the ray to the last ground, or higher than a slope
+    of `steepest` leads from there. Unclear: ground that leads there would be unlike what was seen of it, over a gap in
+    which nothing was seen.
     """
-    raised[:] = False
+    raised[:] = GROUND
+    clear_m[:] = math.inf
     for b in range(BINS):
-        ground_m, ground_z_m, slope, upright = 0.0, 0.0, steepest, False
+        ground_m, ground_z_m, trend, slope, upright = 0.0, 0.0, 0.0, steepest, False
         for k in range(first[b], first[b + 1]):
             reach, z = reach_m[k], rise[k] * reach_m[k]  # over the eye
             away_m, over_m = abs(reach - ground_m), z - ground_z_m
-            up = upright or over_m > slope * away_m + NOISE_M
+            passed = reach < ground_m and z - ground_z_m * reach / ground_m > FOOT_M
+            up = upright or passed or over_m > slope * away_m + NOISE_M
             upright = k + 1 < first[b + 1] and above(reach, rise[k], reach_m[k + 1], rise[k + 1])
             if up or (upright and over_m > BEHIND * away_m + FOOT_M):
-                raised[order[k]], slope = True, BEHIND
+                raised[order[k]], slope = RAISED, BEHIND
+                clear_m[b] = min(clear_m[b], reach)
+            elif (away_m > GAP_M and over_m > (trend + UNLIKE) * away_m) or (upright and over_m > FOOT_M):
+                raised[order[k]] = UNCLEAR
             else:
+                trend = max(over_m / away_m, 0.0) if away_m > FOOT_M else trend
                 ground_m, ground_z_m = reach, z
 
 
@@ -123,9 +142,12 @@ def bins_across(x: float, y: float, cell_m: float) -> Any:
 @njit(cache=True, error_model="numpy")
 def count_passes(
     cells: Any, tops_m: Any, cols: int, x0: float, y0: float, cell_m: float, eye_m: Any, first: Any, reach_m: Any,
-    rise: Any, far_m: Any, passes: Any,
+    rise: Any, far_m: Any, clear_m: Any, passes: Any,
 ) -> None:  # fmt: skip
-    """How many sorted rays cross each of `cells` (k,) below its top (k,) [m] and go on: into `passes` (k,)."""
+    """How many sorted rays cross each of `cells` (k,) below its top (k,) [m] and go on: into `passes` (k,).
+
+    Beyond `clear_m` (BINS,) rays of a direction do not count.
+    """
     for i in range(cells.shape[0]):
         row = cells[i] // cols
         x = x0 + (cells[i] - row * cols + 0.5) * cell_m - eye_m[0]
@@ -137,7 +159,7 @@ def count_passes(
         begin, end = bins_across(x, y, cell_m)
         for k in range(begin, end + 1):
             b = k & (BINS - 1)
-            if far_m[b] < away_m + BEYOND * cell_m:
+            if far_m[b] < away_m + BEYOND * cell_m or clear_m[b] < away_m:
                 continue
             for ray in range(first[b], first[b + 1]):
                 if eye_m[2] + rise[ray] * away_m >= tops_m[i]:
@@ -149,7 +171,7 @@ def count_passes(
 def free_unseen(
     values: Any, blocks: Any, block_cols: int, factor: int, x0: float, y0: float, cell_m: float, eye_m: Any, low_m: Any
 ) -> None:
-    """Fine cells of `blocks` (k,) of which nothing is known are free where a ray that does not rise goes on behind."""
+    """Fine cells of `blocks` (k,) of which nothing is known are free where a low ray goes on behind."""
     cols = block_cols * factor
     for i in range(blocks.shape[0]):
         first = (blocks[i] // block_cols) * factor * cols + (blocks[i] % block_cols) * factor
@@ -161,6 +183,5 @@ def free_unseen(
                 row = cell // cols
                 x = x0 + (cell - row * cols + 0.5) * cell_m - eye_m[0]
                 y = y0 + (row + 0.5) * cell_m - eye_m[1]
-                far_m = math.sqrt(x * x + y * y) + BEYOND * cell_m
-                if low_m[np.int32(direction(x, y) * PER_UNIT) & (BINS - 1)] >= far_m:
+                if low_m[np.int32(direction(x, y) * PER_UNIT) & (BINS - 1)] >= math.sqrt(x * x + y * y):
                     own[FREE_SHARE] = 1.0

@@ -13,6 +13,7 @@ from numba import njit
 
 from orograph.layers import CONFIDENCE, CONFIDENCE_TOP, GRADIENT_X, GRADIENT_Y, HEIGHT, HEIGHT_TOP, OCCUPATION
 from orograph.mapping.reconstruction_kernels import NONE, count_dropped, locate
+from orograph.mapping.seeing_kernels import GROUND, UNCLEAR
 
 FLAT, STEP, NEITHER = 0, 1, 2
 """What a scan shows in a cell: ground alone; something that stands; an overhang, or nothing to go by."""
@@ -56,7 +57,7 @@ def fill_spread(zs: Any, raised: Any, w: Any) -> int:
         slot_of_point[i] = slot
         lowest[slot] = min(lowest[slot], z)
         highest[slot] = max(highest[slot], z)
-        if raised[i]:
+        if raised[i] != GROUND:
             kind[slot] = NEITHER
     return slots
 
@@ -85,8 +86,10 @@ def part_surfaces(
         slot = slot_of_point[i]
         if slot == NONE:
             continue
+        if raised[i] == UNCLEAR:
+            continue
         above = zs[i] - foot[slot]
-        if above < rules.step_m and not raised[i]:
+        if above < rules.step_m and raised[i] == GROUND:
             count[slot] += 1
             height[slot] += zs[i]
             continue
@@ -109,7 +112,7 @@ def part_surfaces(
         values[slot, HEIGHT] = height[slot]
     for i in range(zs.shape[0]):
         slot = slot_of_point[i]
-        if slot != NONE and (count[slot] == 0 or raised[i] or zs[i] - foot[slot] >= rules.step_m):
+        if slot != NONE and (count[slot] == 0 or raised[i] != GROUND or zs[i] - foot[slot] >= rules.step_m):
             slot_of_point[i] = NONE
 
 

@@ -247,7 +247,7 @@ def fuse_surfaces(so_far: Folding, new: Cell, weight: Whole, top_weight: Whole, 
     ground, confidence = fuse_ground(so_far.ground, so_far.confidence, new.ground, weight, rules)
     walls, free = new.wall_share, new.free_share
     wall_share, free_share = _mean(wall_share, of_share, walls, either), _mean(free_share, of_share, free, either)
-    open_ = 2 * free + min(walls, RIM) > 2 * FREE or (walls == 0 and free >= SEEN)
+    open_ = 2 * free + (walls if walls <= RIM else 0) > 2 * FREE or (walls == 0 and free >= SEEN)
     sure = new.confidence_top >= TOP_SURE
     shows = not open_ and walls > 0 and (sure or walls > FEW_WALLS)
     barred = not open_ and (barred or (shows and sure and walls + free >= HALF))

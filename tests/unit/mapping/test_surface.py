@@ -9,16 +9,22 @@ from hypothesis import strategies as st
 from made_up.cells import GATED
 from oracles.mapping_oracle import distance_factor
 from oracles.surface_oracle import parted
+from orograph.geometry import ray_directions
 from orograph.grid import Grid
 from orograph.layers import CONFIDENCE, CONFIDENCE_TOP, FREE_SHARE, HEIGHT, HEIGHT_TOP, KINDS, OCCUPATION, WALL_SHARE
 from orograph.mapping import RobotMapper
 from orograph.mapping.cells import unknown_values
+from orograph.mapping.door import laser_height_m
+from orograph.mapping.mapper import EVERYWHERE
 from orograph.mapping.reconstruction import Reconstructor
 from orograph.mapping.rescaling_kernels import rescale_block
 from orograph.mapping.seeing import Rays
+from orograph.mapping.seeing_kernels import GROUND, RAISED, UNCLEAR
 from orograph.mapping.surface_kernels import FLAT, NEITHER, STEP
+from orograph.messages import RANGE_UNIT_M
 from orograph.registers import pack
 from orograph.rules import SURFACE
+from orograph.scenario import LaserSpec
 
 GLRM = Grid((0.0, 0.0), 5.0, (8, 8))
 EYE = (20.0, 20.0, 0.9)
@@ -84,7 +90,7 @@ def test_two_rings_on_a_far_wall_are_no_ground():
     assert at(robot, 33.0, 20.2, "height_top") == pytest.approx(2.5, abs=0.11)
 
 
-@pytest.mark.parametrize(("eye", "cleared"), [(EYE, True), (EYE[:2], False)])
+@pytest.mark.parametrize(("eye", "cleared"), [(EYE, True), ((20.0, 20.0, np.nan), False)])
 def test_rays_that_pass_clear_what_has_gone_if_the_eye_is_known(eye, cleared):
     """Nothing is hit in the wall's cells any more: only what is seen behind tells."""
     robot, wide = mapper(), np.vstack([before(disc(), 26.2), wall(26.2, 3.0)])
@@ -115,6 +121,37 @@ def test_planning_sees_at_once_what_long_was_free_and_forgets_it_when_it_left():
     assert code() == 0
 
 
+def range_image(directions: np.ndarray, car: bool) -> np.ndarray:
+    """Flat ground 0.7 m below the eye, rays over the horizon without a return; a car 11.05 m to the east."""
+    with np.errstate(divide="ignore"):
+        ground_m = np.where(directions[..., 2] < -1e-3, -0.7 / directions[..., 2], np.inf)
+        car_m = np.where(directions[..., 0] > 0.1, 11.05 / directions[..., 0], np.inf)
+    beside, over = np.abs(car_m * directions[..., 1]) < 1.0, 0.7 + car_m * directions[..., 2] < 1.6
+    ranges_m = np.where(car & beside & over, np.minimum(car_m, ground_m), ground_m)
+    return np.where(ranges_m < 60, ranges_m / RANGE_UNIT_M, 0).astype(np.uint16)
+
+
+def test_rays_without_a_return_pass_what_has_left():
+    """Two rings meet the car: the lower one then ends on the ground below, the upper one nowhere."""
+    robot, directions = mapper(), ray_directions(LaserSpec(rings=8, columns=360))
+    for k in range(12):
+        robot.step_scan(range_image(directions, k < 2), directions, np.eye(3), (20.4, 20.0, 0.7), k * 400_000_000)
+        assert k >= 2 or at(robot, 31.2, 20.2, "wall_share") == 1.0
+    assert at(robot, 31.2, 20.2, "wall_share") == 0.0
+
+
+def test_the_ranges_tell_the_lasers_height():
+    given, told = mapper(), mapper()
+    points = np.vstack([before(disc(), 25.7), wall(25.7, 3.0)])
+    for robot, eye in ((given, EYE), (told, EYE[:2])):
+        robot.step(points, np.linalg.norm(points - EYE, axis=1), eye, 0)
+    assert told.evidence.equals(given.evidence)
+    for cloud in (disc(), points):
+        ranges_m = np.linalg.norm(cloud - EYE, axis=1)
+        assert laser_height_m(cloud, ranges_m, *EYE[:2]) == pytest.approx(EYE[2], abs=1e-6)
+        assert np.isnan(laser_height_m(cloud, ranges_m + 1.0, *EYE[:2])), "no height fits these"
+
+
 def test_a_block_says_what_of_it_stands_and_what_is_free():
     fine = unknown_values(100)
     fine[:, [HEIGHT, CONFIDENCE, OCCUPATION, FREE_SHARE]] = 2.0, 100.0, 0.25, 1.0
@@ -125,6 +162,9 @@ def test_a_block_says_what_of_it_stands_and_what_is_free():
     rescale_block(fine, np.zeros(100, np.uint32), 10, 10, 0, coarse)
     assert coarse[[HEIGHT, HEIGHT_TOP, CONFIDENCE_TOP]].tolist() == [2.0, 8.5, 90.0]
     assert coarse[[CONFIDENCE, WALL_SHARE, FREE_SHARE, OCCUPATION]] == pytest.approx([90.0, 0.1, 0.9, 0.25])
+    fine[15:, OCCUPATION] = np.nan
+    rescale_block(fine, np.zeros(100, np.uint32), 10, 10, 0, coarse)
+    assert coarse[OCCUPATION] == pytest.approx(0.25 * 5 / 90), "what is flat without a slope is free"
     fine[50:] = unknown_values(50)
     rescale_block(fine, np.zeros(100, np.uint32), 10, 10, 0, coarse)
     assert coarse[OCCUPATION] == 1.0, "40 of 100 free, and a wall: a house"
@@ -149,13 +189,13 @@ def test_rules_of_one_surface_know_nothing_of_what_stands():
 
 GRID = Grid((0.0, 0.0), 0.5, (6, 6))
 point = st.tuples(st.floats(0, 2.999), st.floats(0, 2.999), st.sampled_from([0.0, 0.1, 0.25, 0.35, 1.2, 1.7, 3.0, 6.0]),
-                  st.booleans())  # fmt: skip
+                  st.integers(0, 2))  # fmt: skip
 
 
 @settings(max_examples=200, deadline=None)
 @given(st.lists(point, min_size=1, max_size=60), st.floats(1, 75), st.booleans())
 def test_a_scan_is_parted_as_the_oracle_parts_it(points, distance_m, sure):
-    xyz, raised = np.array([p[:3] for p in points]), np.array([p[3] for p in points])
+    xyz, raised = np.array([p[:3] for p in points]), np.array([p[3] for p in points], np.uint8)
     held = unknown_values(GRID.size)
     held[:, [HEIGHT, CONFIDENCE]] = -0.4, 64.0 if sure else 16.0
     maker = Reconstructor(GRID.size, 80.0, SURFACE.real(0.3))
@@ -184,9 +224,9 @@ def test_the_rays_through_a_cell_are_those_of_plain_geometry(seed):
     eye, n = np.array([1.0, 2.0, 1.0]), 400
     points = eye + rng.uniform(-20, 20, (n, 3)) * [1, 1, 0.1]
     rays, grid = Rays(), Grid((-20.0, -20.0), 0.5, (80, 80))
-    rays.sort(np.ascontiguousarray(points.T), eye, 0.6)
+    rays.sort(np.ascontiguousarray(points.T), eye, 0.5)
     cells = rng.integers(0, grid.size, 30)
-    passes = rays.passes(eye, grid, cells, np.full(30, 1.1, np.float32))
+    passes = rays.passes(eye, grid, cells, np.full(30, 1.1, np.float32), EVERYWHERE)
     centres = np.column_stack([(cells % 80 + 0.5) * 0.5 - 20, (cells // 80 + 0.5) * 0.5 - 20])
     for (x, y), found in zip((centres - eye[:2]).tolist(), passes.tolist(), strict=True):
         away = np.hypot(x, y)
@@ -206,10 +246,11 @@ def test_what_is_raised_lies_upright_or_higher_than_a_slope_leads():
     ground = [(2.0, 0.0), (4.0, 0.0), (8.0, 0.02)]
     face, roof, hill = [(10.0, 1.0), (10.05, 1.5), (10.0, 2.0)], [(20.0, 4.5)], [(9.0, 0.5)]
     for extra, wanted in (
-        (face, [False] * 3 + [True] * 3),
-        (hill, [False] * 4),
-        (face + roof, [False] * 3 + [True] * 4),
+        (face, [RAISED] * 3),
+        (hill, [GROUND]),
+        (face + roof, [RAISED] * 4),
+        ([(30.0, 4.5)], [UNCLEAR]),
     ):
-        rows = ground + extra
-        points = np.array([(d, 0.001, z) for d, z in rows])
-        assert Rays().sort(np.ascontiguousarray(points.T), eye, 0.6).tolist() == wanted
+        rays, points = Rays(), np.array([(d, 0.001, z) for d, z in ground + extra])
+        rays.sort(np.ascontiguousarray(points.T), eye, 0.5)
+        assert rays.raised(len(points), 0.6).tolist() == [GROUND] * 3 + wanted
