@@ -59,8 +59,10 @@ def sort_rays(
     At a place stand the point's number in xyz (3, n), its horizontal reach [m] and its rise [m/m]. `low_m` (BINS,) is
     how far each bin's rays go, `beyond_m` short of their ends, before they are higher than LOW_M; `far_m` is the
     longest reach. Points that are not finite, or rise by more than `rise_max`, belong to no bin.
+
+    By insertion, as lasers give their rings in order: from the last point on where they give the uppermost first.
     """
-    n = xyz.shape[1]
+    n, falls_m = xyz.shape[1], 0.0
     bins = np.empty(n, np.int32)
     first[:] = 0
     low_m[:] = 0.0
@@ -71,10 +73,12 @@ def sort_rays(
         bins[i] = np.int32(turn * PER_UNIT) & (BINS - 1) if known and abs(turn) <= 4.0 else -1
         if bins[i] >= 0:
             first[bins[i] + 1] += 1
+            falls_m += z if 2 * i < n else -z
     for b in range(BINS):
         first[b + 1] += first[b]
-    end = first[:BINS].copy()
-    for i in range(n):
+    end, backwards = first[:BINS].copy(), falls_m > 0.0
+    for place in range(n):
+        i = n - 1 - place if backwards else place
         b = bins[i]
         if b < 0:
             continue
@@ -82,7 +86,7 @@ def sort_rays(
         flat_m = math.sqrt(x * x + y * y)
         up = (xyz[2, i] - eye_m[2]) / flat_m
         k = end[b]
-        while k > first[b] and rise[k - 1] > up:
+        while k > first[b] and (rise[k - 1] > up or (backwards and rise[k - 1] == up)):
             order[k], reach_m[k], rise[k] = order[k - 1], reach_m[k - 1], rise[k - 1]
             k -= 1
         order[k], reach_m[k], rise[k] = i, flat_m, up

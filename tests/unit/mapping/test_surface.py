@@ -19,7 +19,7 @@ from orograph.mapping.mapper import EVERYWHERE
 from orograph.mapping.reconstruction import Reconstructor
 from orograph.mapping.rescaling_kernels import rescale_block
 from orograph.mapping.seeing import Rays
-from orograph.mapping.seeing_kernels import GROUND, RAISED, UNCLEAR
+from orograph.mapping.seeing_kernels import BINS, GROUND, RAISED, UNCLEAR, direction, sort_rays
 from orograph.mapping.surface_kernels import FLAT, NEITHER, STEP
 from orograph.messages import RANGE_UNIT_M
 from orograph.registers import pack
@@ -214,6 +214,24 @@ def test_a_scan_is_parted_as_the_oracle_parts_it(points, distance_m, sure):
             assert np.isnan(found) if want is None else found == pytest.approx(want, abs=1e-6)
         assert value[CONFIDENCE_TOP] == pytest.approx(wanted[3], rel=1e-5)
         assert (value[CONFIDENCE] > 0) == (wanted[1] is not None)
+
+
+@pytest.mark.parametrize("rings", ["lowest first", "uppermost first", "in any order"])
+def test_rays_are_sorted_the_same_in_whatever_order_a_laser_gives_its_rings(rings):
+    rng = np.random.default_rng(4)
+    elevation = np.sort(np.round(rng.uniform(-0.4, 0.2, (40, 300)), 2), axis=0)  # many alike
+    azimuth = np.broadcast_to(rng.uniform(-3, 3, 300), elevation.shape)
+    reach_m = 10.0
+    points = np.stack([reach_m * np.cos(azimuth), reach_m * np.sin(azimuth), reach_m * elevation], axis=-1)
+    points = (points[::-1] if rings == "uppermost first" else points).reshape(-1, 3)
+    points = rng.permutation(points) if rings == "in any order" else points
+    n, first = len(points), np.zeros(BINS + 1, np.int64)
+    order, reach, rise, low_m, far_m = np.empty(n, np.int64), np.empty(n), np.empty(n), np.empty(BINS), np.empty(BINS)
+    sort_rays(np.ascontiguousarray(points.T), np.zeros(3), 0.5, 2.0, first, order, reach, rise, low_m, far_m)
+    up = points[:, 2] / np.sqrt(points[:, 0] * points[:, 0] + points[:, 1] * points[:, 1])
+    bins = np.array([int(direction(x, y) * BINS / 4) % BINS for x, y, _ in points.tolist()])
+    assert order.tolist() == np.lexsort((np.arange(n), up, bins)).tolist()
+    assert first[-1] == n and np.array_equal(rise, up[order])
 
 
 @settings(max_examples=100, deadline=None)
