@@ -1,4 +1,4 @@
-"""A console that looks on, and is killed, leaves the mission as it is."""
+"""Who looks on leaves the mission as it is: a console that is killed, a recorder whose record makes the map again."""
 
 import urllib.request
 from pathlib import Path
@@ -7,6 +7,8 @@ import pytest
 from orograph.launch.lifecycle import finish, prepare_out
 from orograph.launch.processes import follow, free_port, started
 from orograph.launch.progress import Figures
+from orograph.record.reading import read_record
+from orograph.record.rerun import rerun
 from orograph.storage.results import Summary
 from orograph.storage.scenario_file import load_scenario
 
@@ -14,9 +16,9 @@ pytestmark = pytest.mark.cluster
 TINY = load_scenario("scenarios/tiny")
 
 
-def test_with_a_console_and_with_one_that_is_killed_the_map_is_the_same(in_process: Summary, tmp_path: Path) -> None:
+def test_seen_and_recorded_and_with_its_console_killed_the_map_is_the_same(in_process: Summary, tmp_path: Path) -> None:
     out, port, pages = prepare_out(tmp_path / "run", TINY), free_port(), []
-    with started(TINY, out, 3, page_port=port) as (supervisor, sim):
+    with started(TINY, out, 3, page_port=port, record=True) as (supervisor, sim):
         console = next(child for child in supervisor.children if child.name == "console")
 
         def look_then_kill(figures: Figures, restarts: list[str]) -> None:
@@ -29,4 +31,6 @@ def test_with_a_console_and_with_one_that_is_killed_the_map_is_the_same(in_proce
     finish(TINY, out, "processes")
     summary = Summary.read(out)
     assert restarts and restarts[0] == "console (signal SIGKILL)" and b"<html" in pages[0][:500]
+    record = read_record(out / "record.mcap")
+    assert record.whole and rerun([record]).reached_hash == in_process.glrm_hash
     assert summary.deterministic and summary.complete and summary.glrm_hash == in_process.glrm_hash

@@ -16,8 +16,9 @@ pytestmark = pytest.mark.containers
 Config = dict[str, Any]
 ROUTERS = {"router-sim", "router-radio"}
 CONSOLE = "console"
-OURS = {*keys.SERVICES, *ROUTERS, CONSOLE}
-ON_RADIO = {*keys.RADIO_SERVICES, "router-radio", CONSOLE}
+ASIDE = {CONSOLE, "recorder"}
+OURS = {*keys.SERVICES, *ROUTERS, *ASIDE}
+ON_RADIO = {*keys.RADIO_SERVICES, "router-radio", *ASIDE}
 WATCHES = {"prometheus"}
 """May be on the radio plane's network to read a router's figures; no robot's message passes it."""
 DASHBOARDS = {"prometheus", "grafana"}
@@ -93,7 +94,7 @@ def test_compose_yaml_holds_the_rules(config: Config) -> None:
 
 def test_every_service_has_its_module_and_every_module_its_service() -> None:
     modules = {path.stem for path in (ROOT / "services").glob("*.py")} - {"__init__"}
-    assert modules == {name.replace("-", "_") for name in keys.SERVICES} | {"router", CONSOLE}
+    assert modules == {name.replace("-", "_") for name in keys.SERVICES} | {"router", *ASIDE}
 
 
 def _edit(service: str, **changes: Any) -> Callable[[Config], None]:

@@ -8,7 +8,20 @@ import re
 import sys
 from collections.abc import Sequence
 
-from orograph.cli import doctor, explain, export, import_osm, map_scans, report, revoke, run, status, study, view
+from orograph.cli import (
+    doctor,
+    explain,
+    export,
+    import_osm,
+    map_scans,
+    report,
+    rerun,
+    revoke,
+    run,
+    status,
+    study,
+    view,
+)  # fmt: skip
 from orograph.errors import InputError, RunError
 from orograph.storage.scenario_file import ScenarioError
 
@@ -19,7 +32,7 @@ def parser() -> argparse.ArgumentParser:
         prog="orograph", description="Robots with 3D lasers build one layered 2.5D map together, over links that drop."
     )
     subparsers = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for command in (run, view, status, revoke, study, report, explain, import_osm, map_scans, export, doctor):
+    for command in (run, view, status, revoke, study, report, explain, rerun, import_osm, map_scans, export, doctor):
         command.add_parser(subparsers)
     return top
 

@@ -40,6 +40,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--radio-port", type=int, default=0, metavar="PORT", help="radio plane's port (default: free)")
     parser.add_argument("--view", nargs="?", type=int, const=0, metavar="PORT",
                         help="show the run in a browser, on this port of 127.0.0.1 (default: a free one)")  # fmt: skip
+    parser.add_argument("--record", action="store_true", help="leave the run as an MCAP file in its folder")
     parser.add_argument("--quiet", action="store_true", help="no progress view")
     parser.set_defaults(main=main)
 
@@ -51,13 +52,15 @@ def main(args: argparse.Namespace) -> int:
         raise InputError(f"--capacity {args.capacity}: expected 1 or more robots per process, or 0 for the default")
     if args.view is not None and args.in_process:
         raise InputError("--view: what runs in one process is seen afterwards, by `orograph view`; leave --in-process")
+    if args.record and args.in_process:
+        raise InputError("--record: what runs in one process sends nothing that could be heard; leave --in-process")
     ports = (args.sim_port, args.radio_port)
     page_port = None if args.view is None else free_port(args.view)
     if page_port is not None:
         print(f"see it: http://127.0.0.1:{page_port}", flush=True)
     with shown(scenario, args.quiet) as on_progress:
         out = run(scenario, args.out, in_process=args.in_process, capacity=args.capacity, ports=ports,
-                  on_progress=on_progress, page_port=page_port)  # fmt: skip
+                  on_progress=on_progress, page_port=page_port, record=args.record)  # fmt: skip
     summary = Summary.read(out)
     copies = "all copies equal" if summary.copies_hash_equal else "COPIES DIFFER"
     print(f"map {summary.glrm_hash} · {copies} · {summary.sim_time_s:.0f} s of simulation "

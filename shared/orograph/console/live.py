@@ -31,6 +31,7 @@ from orograph.nodes.cell_history import CellHistory
 from orograph.nodes.history import History
 from orograph.nodes.robot_mapping import ScanPoseSync
 from orograph.points import points_from_ranges
+from orograph.protocol.overheard import OverheardMap
 from orograph.runtime.briefing import Briefing
 from orograph.scene.site import Site
 from orograph.storage.parts import read_events
@@ -55,8 +56,7 @@ class LiveFilm:
         self._robots = {robot: History(6, scenario.frame_ns, COURSE_BYTES) for robot in scenario.robot_ids}
         self._vehicles = [History(4, scenario.frame_ns, COURSE_BYTES) for _ in scenario.vehicles]
         self._backlog = {robot: History(2, scenario.frame_ns, COURSE_BYTES) for robot in scenario.robot_ids}
-        self._map, self._manager_epoch = CellHistory(MAP_BYTES), 0
-        self._versions = np.zeros(scenario.grid.grid.size, np.uint32)
+        self._map, self._overheard = CellHistory(MAP_BYTES), OverheardMap(self._site.prior)
         self._scanned = {robot: ScanPoseSync(SCAN_WAIT_NS) for robot in scenario.robot_ids}
         self._scans: dict[str, tuple[Scan, Pose]] = {}
         self._points: dict[str, tuple[int, F64]] = {}
@@ -76,7 +76,7 @@ class LiveFilm:
                 case Bodies() as bodies:
                     self._take_bodies(bodies)
                 case Delta() as delta:
-                    self._take_cells(heard.frame * self._frame_ns, delta)
+                    self._map.append(heard.frame * self._frame_ns, self._overheard.take(delta))
                 case Batch() as batch if robot in self._robots:
                     self._take_registers(robot, batch)
                 case MappingStatus(stamp_ns=stamp_ns, waiting_cells=waiting) if robot in self._backlog:
@@ -116,20 +116,9 @@ class LiveFilm:
         cell = self._site.scenario.grid.grid.row_col(x_m, y_m)
         return 1.0 if cell is None else float(self._site.given[1][cell] > 0)
 
-    def _take_cells(self, stamp_ns: int, delta: Delta) -> None:
-        """Cells that are newer than those known; a manager that began anew counts its versions anew."""
-        if delta.manager_epoch < self._manager_epoch or len(delta.cells) == 0:
-            return
-        if delta.manager_epoch > self._manager_epoch:
-            self._manager_epoch, self._versions[:] = delta.manager_epoch, 0
-        cells: Packed = delta.cells[delta.cells["cell"] < len(self._versions)]
-        cells = cells[cells["version"] > self._versions[cells["cell"]]]
-        self._versions[cells["cell"]] = cells["version"]
-        self._map.append(stamp_ns, cells)
-
     def _take_registers(self, robot: str, batch: Batch) -> None:
         """A robot's registers that are newer than those known, as they went up."""
-        known = self._rows.setdefault(robot, np.zeros(len(self._versions), REGISTER))
+        known = self._rows.setdefault(robot, np.zeros(self._site.scenario.grid.grid.size, REGISTER))
         told: Packed = batch.records[batch.records["cell"] < len(known)]
         held = known[told["cell"]]
         newer = (batch.epoch > held["epoch"]) | ((batch.epoch == held["epoch"]) & (told["seq"] > held["seq"]))

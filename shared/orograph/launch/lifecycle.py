@@ -45,6 +45,7 @@ def _scale(text: str) -> Literal["max"] | float:
 def run(
     scenario: Scenario, out: Path | None, *, in_process: bool = False, capacity: int = 0,
     ports: tuple[int, int] = (0, 0), on_progress: OnProgress = unseen, page_port: int | None = None,
+    record: bool = False,
 ) -> Path:  # fmt: skip
     """Run a resolved scenario to a finished run folder and return it; raises InputError, RunError."""
     out = prepare_out(out, scenario)
@@ -55,7 +56,7 @@ def run(
     else:
         from orograph.launch.processes import run_processes
 
-        run_processes(scenario, out, capacity, ports, on_progress, page_port)
+        run_processes(scenario, out, capacity, ports, on_progress, page_port, record)
     finish(scenario, out, "in-process" if in_process else "processes")
     return out
 

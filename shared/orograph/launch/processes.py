@@ -52,14 +52,14 @@ def held_endpoint(port: int = 0) -> Iterator[str]:
 
 def run_processes(
     scenario: Scenario, out: Path, capacity: int, ports: tuple[int, int], on_progress: OnProgress,
-    page_port: int | None = None,
+    page_port: int | None = None, record: bool = False,
 ) -> None:  # fmt: skip
     """Run the mission whose resolved scenario is in out/parts to its end; raises RunError when it can't be.
 
     `capacity` is robots per process, 0 for the default; of `ports` (sim, radio) 0 is a free one. On `page_port`, if
-    any, a console shows it.
+    any, a console shows it; `record` leaves an MCAP file in `out`.
     """
-    with started(scenario, out, capacity or default_capacity(scenario), ports, page_port) as (supervisor, sim):
+    with started(scenario, out, capacity or default_capacity(scenario), ports, page_port, record) as (supervisor, sim):
         follow(supervisor, sim, out, on_progress)
 
 
@@ -70,7 +70,8 @@ def default_capacity(scenario: Scenario) -> int:
 
 @contextmanager
 def started(
-    scenario: Scenario, out: Path, capacity: int, ports: tuple[int, int] = (0, 0), page_port: int | None = None
+    scenario: Scenario, out: Path, capacity: int, ports: tuple[int, int] = (0, 0), page_port: int | None = None,
+    record: bool = False,
 ) -> Iterator[tuple[Supervisor, str]]:  # fmt: skip
     """All processes of a mission, until it is left; gives who keeps them running and the sim plane's endpoint."""
     with ExitStack() as stack:
@@ -88,6 +89,8 @@ def started(
                 supervisor.start(f"{service}-{i + 1}", f"services.{service.replace('-', '_')}")
         if page_port is not None:
             supervisor.start("console", "services.console", "--port", str(page_port), aside=True)
+        if record:
+            supervisor.start("recorder", "services.recorder", aside=True)
         yield supervisor, sim
 
 

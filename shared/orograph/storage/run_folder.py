@@ -58,6 +58,12 @@ def bytes_file(process: str) -> str:
     return f"{PARTS}/bytes-{process}.json"
 
 
+def next_record(out: Path) -> Path:
+    """Where the next record of a run goes: a recorder that was started again leaves the first as it is."""
+    names = (out / f"record{f'-{i}' if i else ''}.mcap" for i in range(10_000))
+    return next(path for path in names if not path.exists())
+
+
 def process_file(process: str) -> str:
     """A process's own figures: its nodes, its memory, its mailbox."""
     return f"{PARTS}/process-{process}.json"

@@ -1,0 +1,34 @@
+"""The global map as one knows it who only listens to what the Map Manager tells the robots."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from orograph.layers import MAPPED_LAYERS
+from orograph.messages import CELL, Delta, Packed
+
+
+class OverheardMap:
+    """`cells` (n,) CELL begin as the prior; a cell is overwritten by a newer version of itself only.
+
+    A manager that began anew counts its versions anew, and the newest life of it is believed: a robot would ask it
+    first (copy.py), a listener asks nobody.
+    """
+
+    def __init__(self, prior: Packed) -> None:
+        self.cells = np.zeros(len(prior), CELL)
+        self.cells["cell"] = prior["cell"]
+        for name in MAPPED_LAYERS:
+            self.cells[name] = prior[name]
+        self._manager_epoch = 0
+
+    def take(self, delta: Delta) -> Packed:
+        """The cells (m,) that a delta changed."""
+        if delta.manager_epoch < self._manager_epoch:
+            return delta.cells[:0]
+        if delta.manager_epoch > self._manager_epoch:
+            self._manager_epoch, self.cells["version"] = delta.manager_epoch, 0
+        told: Packed = delta.cells[delta.cells["cell"] < len(self.cells)]
+        newer: Packed = told[told["version"] > self.cells["version"][told["cell"]]]
+        self.cells[newer["cell"]] = newer
+        return newer
