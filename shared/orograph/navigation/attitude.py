@@ -20,6 +20,8 @@ class SlopeFilter:
     def __init__(self, attitude_sigma_rad: float) -> None:
         self.slope_x = 0.0
         self.slope_y = 0.0
+        self._ends: list[tuple[float, float]] = []
+        """The slopes measured last and before, as they were."""
         self._measured_variance = attitude_sigma_rad**2
         self._variance = 1.0
 
@@ -29,16 +31,22 @@ class SlopeFilter:
         gain = self._variance / (self._variance + self._measured_variance)
         self._variance *= 1 - gain
         x, y = _slope(roll_rad, pitch_rad, yaw_rad)
+        self._ends = [*self._ends[-1:], (x, y)]
         self.slope_x += gain * (x - self.slope_x)
         self.slope_y += gain * (y - self.slope_y)
 
-    def along(self, yaw_rad: float) -> float:
-        """Slope [m/m] in the direction of a heading, positive uphill."""
-        return self.slope_x * math.cos(yaw_rad) + self.slope_y * math.sin(yaw_rad)
+    def passed(self, yaw_rad: float) -> tuple[float, float]:
+        """Slope [m/m] ahead and to the left between the last two updates, by what was measured then.
+
+        The filtered slope comes late, and a slope that comes late adds up to a wrong height.
+        """
+        x, y = (sum(end[i] for end in self._ends) / len(self._ends) for i in (0, 1))
+        c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+        return x * c + y * s, y * c - x * s
 
     def roll_pitch(self, yaw_rad: float) -> tuple[float, float]:
         """Roll and pitch [rad] of a robot that stands on this slope with that heading (R = Rz Ry Rx)."""
-        ahead = self.along(yaw_rad)
+        ahead = self.slope_x * math.cos(yaw_rad) + self.slope_y * math.sin(yaw_rad)
         left = -self.slope_x * math.sin(yaw_rad) + self.slope_y * math.cos(yaw_rad)
         return math.asin(left / math.sqrt(1 + ahead**2 + left**2)), -math.atan(ahead)
 

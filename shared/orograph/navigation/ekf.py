@@ -23,8 +23,10 @@ SLIP_ALONG, SLIP_ACROSS = 0.02, 0.01
 """One sigma of the wheels' slip, per metre driven straight."""
 TURN_SLIP_ALONG_M, TURN_SLIP_ACROSS_M = 0.2, 0.1
 """The same per radian turned: a skid-steer's wheels have no grip left to brake with while they turn it."""
-CLIMB_SIGMA = 0.002
-"""One sigma of the slope that turns distance into height [m/m]."""
+SLIDE_M = 0.65
+"""So far it slides downhill meanwhile, per radian and slope."""
+CLIMB_SIGMA, CLIMB_SHARE = 0.002, 0.03
+"""One sigma of the slope that turns distance into height [m/m], and its part that grows with the slope."""
 GATE_SIGMAS = 4.0
 """GPS further than this from the prediction is a jump and left out ..."""
 GATE_PATIENCE = 5
@@ -92,17 +94,17 @@ class PoseFilter:
     def update(self, sensors: Sensors, ground_m: float | None) -> None:
         """One frame: predict to the sensors' stamp, correct with what they say and, now and then, the prior ground."""
         previous, self._last = self._last, sensors
-        moved_m, dt_s = 0.0, 0.0
         if not self.started:
             self._start_from_gps(sensors)
+            self._slope.update(sensors.roll_rad, sensors.pitch_rad, self.yaw_rad, 0.0, 0.0)
+            return
+        if previous is not None:
+            self._predict(sensors, (sensors.stamp_ns - previous.stamp_ns) * 1e-9)
         else:
-            if previous is not None:
-                dt_s = (sensors.stamp_ns - previous.stamp_ns) * 1e-9
-                moved_m = self._predict(sensors, dt_s)
-            self._correct_yaw(sensors.yaw_rad)
-            self._correct_gps(sensors)
-            self._correct_ground(sensors.stamp_ns, ground_m)
-        self._slope.update(sensors.roll_rad, sensors.pitch_rad, self.yaw_rad, moved_m, dt_s)
+            self._slope.update(sensors.roll_rad, sensors.pitch_rad, self.yaw_rad, 0.0, 0.0)
+        self._correct_yaw(sensors.yaw_rad)
+        self._correct_gps(sensors)
+        self._correct_ground(sensors.stamp_ns, ground_m)
 
     def pose(self, stamp_ns: int) -> Pose:
         """The estimate as a message."""
@@ -122,30 +124,34 @@ class PoseFilter:
     def _gps_sigma_m(self, quality: int) -> float:
         return self._spec.gps_differential_m if quality == 2 else self._spec.gps_single_m
 
-    def _predict(self, sensors: Sensors, dt_s: float) -> float:
-        """Move the state by the mean speed and yaw rate of the interval; returns the metres moved."""
+    def _predict(self, sensors: Sensors, dt_s: float) -> None:
+        """Move the state by the mean speed, yaw rate and slope of the interval."""
         turned = sensors.yaw_rate_radps * dt_s
         heading = float(self._state[YAW]) + 0.5 * turned
-        climb = self._slope.along(heading)
-        wheels_m = sensors.odometry_v_mps * dt_s / math.sqrt(1 + climb**2)
+        wheels_m = sensors.odometry_v_mps * dt_s
+        self._slope.update(sensors.roll_rad, sensors.pitch_rad, heading + 0.5 * turned, wheels_m, dt_s)
+        climb, side = self._slope.passed(heading)
+        wheels_m /= math.sqrt(1 + climb**2)
         moved = wheels_m * float(self._state[SCALE])
         c, s = math.cos(heading), math.sin(heading)
-        self._state += (moved * c, moved * s, moved * climb, turned, 0.0)
+        ahead, left = np.array([c, s, climb]), np.array([-s, c, side])
+        self._state[:3] += moved * ahead - SLIDE_M * abs(turned) * (climb * ahead + side * left)
+        self._state[YAW] += turned
         F = np.eye(5)
         F[X, YAW], F[Y, YAW] = -moved * s, moved * c
         F[X, SCALE], F[Y, SCALE], F[Z, SCALE] = wheels_m * c, wheels_m * s, wheels_m * climb
-        self._P = np.einsum("ij,jk,lk->il", F, self._P, F) + self._process_noise(moved, turned, c, s, dt_s)
+        Q = self._process_noise(moved, turned, ahead, left, dt_s)
+        Q[Z, Z] += ((CLIMB_SIGMA + CLIMB_SHARE * math.hypot(climb, side)) * moved) ** 2 + (1e-3 * dt_s) ** 2
+        self._P = np.einsum("ij,jk,lk->il", F, self._P, F) + Q
         self.moved_m += abs(moved)
-        return moved
 
-    def _process_noise(self, moved: float, turned: float, c: float, s: float, dt_s: float) -> F64:
+    def _process_noise(self, moved: float, turned: float, ahead: F64, left: F64, dt_s: float) -> F64:
+        """Of the wheels' slip along the ground, `ahead` and `left` (3,), and of the heading."""
         along = (self._spec.odometry_mps * dt_s) ** 2 + (SLIP_ALONG * moved) ** 2
         along += (TURN_SLIP_ALONG_M * turned) ** 2
         across = (TURN_SLIP_ACROSS_M * turned) ** 2 + (SLIP_ACROSS * moved) ** 2
         Q = np.zeros((5, 5))
-        Q[X, X], Q[Y, Y] = along * c * c + across * s * s, along * s * s + across * c * c
-        Q[X, Y] = Q[Y, X] = (along - across) * c * s
-        Q[Z, Z] = (CLIMB_SIGMA * moved) ** 2 + (1e-3 * dt_s) ** 2
+        Q[:3, :3] = along * np.outer(ahead, ahead) + across * np.outer(left, left)
         Q[YAW, YAW] = (self._spec.yaw_rate_radps * dt_s) ** 2
         Q[SCALE, SCALE] = (1e-4 * dt_s) ** 2
         return Q

@@ -1,6 +1,7 @@
 """Pose filter and attitude against closed formulas, a textbook Kalman step and simulated drives with known truth."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import strategies as st
 from orograph.geometry import rotation
 from orograph.messages import Sensors
 from orograph.navigation.attitude import SlopeFilter
-from orograph.navigation.ekf import PoseFilter, X, Y
+from orograph.navigation.ekf import PoseFilter, X, Y, Z
 from orograph.scenario import NavigationSensorsSpec
 
 FRAME_NS = 100_000_000
@@ -172,3 +173,35 @@ def test_axis_by_axis_correction_equals_the_textbook_step_with_both():
     filter_._gated("xy", ((X, measured[0]), (Y, measured[1])), variance)
     np.testing.assert_allclose(filter_._state, state + K @ (measured - H @ state), rtol=0, atol=1e-12)
     np.testing.assert_allclose(filter_._P, (np.eye(5) - K @ H) @ P, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("amplitude_m", "steepest"), [(0.0, 0.0), (1.1, 0.15), (2.2, 0.3)])
+def test_heights_on_hills_are_as_sure_as_they_are_true(amplitude_m, steepest):
+    """A winding drive over two waves of 65 and 75 m: normalised squared errors of z around one."""
+    rng, filter_, squares, slopes = np.random.default_rng(4), started(), [], []
+    u, w = math.tau / 65, math.tau / 75
+    height = lambda x, y: amplitude_m * (math.sin(u * x) + math.sin(w * y))  # noqa: E731
+    x = y = 0.0
+    yaw = 0.3
+    for k in range(1200):
+        rate, v = (0.25 * math.sin(k / 25), 2.3) if k else (0.0, 0.0)
+        middle = yaw + 0.05 * rate
+        gx, gy = (amplitude_m * a * math.cos(a * b) for a, b in ((u, x), (w, y)))
+        moved = 0.1 * v / math.sqrt(1 + (gx * math.cos(middle) + gy * math.sin(middle)) ** 2)
+        slide = 0.065 * abs(rate)  # of a skid-steer that turns: downhill
+        x, y, yaw = (
+            x + moved * math.cos(middle) - slide * gx,
+            y + moved * math.sin(middle) - slide * gy,
+            yaw + 0.1 * rate,
+        )
+        gx, gy = (amplitude_m * a * math.cos(a * b) for a, b in ((u, x), (w, y)))
+        ahead, left = gx * math.cos(yaw) + gy * math.sin(yaw), gy * math.cos(yaw) - gx * math.sin(yaw)
+        roll, pitch = math.asin(left / math.sqrt(1 + ahead**2 + left**2)), -math.atan(ahead)
+        told = noisy(rng, k, (x, y, yaw), rate, v)
+        z = height(x, y)
+        filter_.update(replace(told, gps_z_m=told.gps_z_m + z, roll_rad=told.roll_rad + roll,
+                               pitch_rad=told.pitch_rad + pitch), None)  # fmt: skip
+        slopes.append(math.hypot(ahead, left))
+        squares.append((filter_.z_m - z) ** 2 / filter_._P[Z, Z])
+    assert max(slopes) == pytest.approx(steepest, abs=0.03)
+    assert 0.2 < np.mean(squares[50:]) < 2.0
