@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from orograph.arrays import F64
 from orograph.scenario import Vehicle
@@ -38,8 +39,8 @@ class Lane:
         self._length_m = scene.vehicle_loop_length_m(index)
         samples = max(3, math.ceil(self._length_m / TABLE_STEP_M))
         self._step_m = self._length_m / samples
-        self._table_m = np.array([scene.vehicle_pose(index, k * self._step_m)[:2] for k in range(samples)])
-        self._half_lane_m = 0.5 * vehicle.size_m[1] + SIDE_GAP_M
+        poses = np.array([scene.vehicle_pose(index, k * self._step_m) for k in range(samples)])
+        self._table_m, self._half_lane_m = poses[:, :2], half_lane_m(poses[:, 3], self._step_m, vehicle)
         self.distance_m = vehicle.start_fraction * self._length_m
         self.speed_mps = vehicle.speed_mps
         self.waited_s = 0.0
@@ -61,14 +62,14 @@ class Lane:
         ahead_m = np.arange(nose_m, min(reach_m, self._length_m - nose_m), self._step_m)
         rows = np.rint((self.distance_m + ahead_m) / self._step_m).astype(np.int64) % len(self._table_m)
         away_m = np.hypot(*(self._table_m[rows][:, None, :] - discs_m[None, :, :2]).T).T
-        blocked = (away_m < discs_m[:, 2] + self._half_lane_m).any(axis=1)
+        blocked = (away_m < discs_m[:, 2] + self._half_lane_m[rows, None]).any(axis=1)
         return float(ahead_m[np.argmax(blocked)] - nose_m) if blocked.any() else math.inf
 
     def _within(self, reach_m: float, discs_m: F64) -> F64:
         """The discs that the next `reach_m` of the lane could meet: no lane is shorter than the straight line."""
         here_m = self._table_m[round(self.distance_m / self._step_m) % len(self._table_m)]
         dx, dy = discs_m[:, 0] - here_m[0], discs_m[:, 1] - here_m[1]
-        far_m = discs_m[:, 2] + (reach_m + self._half_lane_m)
+        far_m = discs_m[:, 2] + (reach_m + self._half_lane_m.max())
         near_m: F64 = discs_m[dx * dx + dy * dy < far_m * far_m]
         return near_m
 
@@ -80,6 +81,20 @@ class Lane:
         before, self.speed_mps = self.speed_mps, max(0.0, braked, min(target, sped_up))
         self.distance_m += 0.5 * (before + self.speed_mps) * duration_s
         self.waited_s += duration_s if self.speed_mps < STANDING_MPS else 0.0
+
+
+def half_lane_m(yaw_rad: F64, step_m: float, vehicle: Vehicle) -> F64:
+    """Half the room (n,) that a vehicle needs at places `step_m` apart on its loop, heading along `yaw_rad` (n,).
+
+    In a bend its front swings out.
+    """
+    half_length_m, half_width_m = 0.5 * vehicle.size_m[0], 0.5 * vehicle.size_m[1]
+    turned = np.abs(np.angle(np.exp(1j * (np.roll(yaw_rad, -1) - np.roll(yaw_rad, 1)))))
+    radius_m = 2 * step_m / np.maximum(turned, 1e-9)
+    swing_m = np.hypot(radius_m + half_width_m, half_length_m) - radius_m - half_width_m
+    near = maximum_filter1d(swing_m, 2 * math.ceil(half_length_m / step_m) + 1, mode="wrap")
+    room_m: F64 = half_width_m + SIDE_GAP_M + near
+    return room_m
 
 
 class Traffic:

@@ -85,3 +85,21 @@ def test_gap_by_hand(scenario_of: Callable[..., Scenario]) -> None:
     assert 5.9 <= lane.gap_m(np.array([[x + 10.0, y, 0.5]])) < 5.9 + 2 * TABLE_STEP_M
     assert lane.gap_m(np.array([[x - 3.0, y, 0.5]])) == math.inf
     assert lane.gap_m(np.zeros((0, 3))) == math.inf
+
+
+@pytest.mark.parametrize("across_m", [0.5, 2.0, 2.6, 3.2])
+@pytest.mark.parametrize("along_m", [-3.0, 0.0, 3.0])
+def test_a_lorry_that_swings_out_in_a_bend_touches_nobody_who_stands_there(
+    scenario_of: Callable[..., Scenario], across_m: float, along_m: float
+) -> None:
+    """Places outside the corner (80, 20), on the bisector and beside it."""
+    lorry = Vehicle(loop=SQUARE, size_m=(8.0, 2.4, 3.1))
+    traffic = traffic_of(scenario_of, lorry)
+    half = math.sqrt(0.5)
+    robot = np.array([80.0 + half * (across_m - 2.0 + along_m), 20.0 - half * (across_m - 2.0 - along_m)])
+    for _ in range(250):
+        traffic.drive(robot[None], 0.47, FRAME_S)
+        x, y, _, yaw = traffic.lanes[0].pose()
+        ahead = math.cos(yaw) * (robot[0] - x) + math.sin(yaw) * (robot[1] - y)
+        left = math.cos(yaw) * (robot[1] - y) - math.sin(yaw) * (robot[0] - x)
+        assert math.hypot(max(0.0, abs(ahead) - 4.0), max(0.0, abs(left) - 1.2)) > 0.47
