@@ -9,6 +9,8 @@ import numpy as np
 from orograph.arrays import F64, U1
 from orograph.layers import UNKNOWN_OCCUPATION
 from orograph.messages import SECOND_NS, OccupancyGrid
+from orograph.navigation.follower import braking_distance_m
+from orograph.navigation.movers import Movers
 from orograph.navigation.planner import (
     BLOCKED,
     LocalPath,
@@ -19,15 +21,15 @@ from orograph.navigation.planner import (
     local_window,
     planning_grid,
 )
-from orograph.navigation.planner_kernels import first_appeared, first_blocked, obstacle_near_m
+from orograph.navigation.planner_kernels import first_blocked, obstacle_near_m
 
 BODY_M = 0.7
 """An obstacle's cell centre nearer than this to the path blocks it."""
-MOVER_M, MOVER_CELLS = 3.0, 3
-"""Something moves if so many cells so near to the path are blocked that were not 0.8 s ago; one or two are noise."""
 LEAVING_M = 1.2
 BETWEEN_M = 0.25
 """Half of what lies between two path points: there the obstacle may begin already."""
+SLOWLY_M = 1.0
+"""So much free way lets the robot drive at about 1 m/s: then it stops within half a metre."""
 OFF_ROUTE_M = 15.0
 BLIND_S = 1.5
 SHUT_S = 90.0
@@ -41,6 +43,7 @@ class Guide:
         self._local: OccupancyGrid | None = None
         self._recent: list[OccupancyGrid] = []
         """The newest three local maps: what is blocked only since the first of them moves."""
+        self._movers = Movers()
         self._global: OccupancyGrid | None = None
         self._goals: tuple[PointXY, ...] = ()
         self._routes: list[F64] = []
@@ -56,6 +59,7 @@ class Guide:
         if not planning_map.is_global:
             self._local = planning_map
             self._recent = [*self._recent[-2:], planning_map]
+            self._movers.take(planning_map, self._recent[0])
             return
         self._global = planning_map
         if any(self._blocked_by(planning_map, route) for route in self._routes):
@@ -132,12 +136,12 @@ class Guide:
         return bool(self._routes)
 
     def free_ahead_m(
-        self, path: LocalPath, arc_m: F64, along_m: float, at: PointXY, horizon_m: float, brake_m: float
+        self, path: LocalPath, arc_m: F64, along_m: float, at: PointXY, horizon_m: float, now_ns: int, v_mps: float
     ) -> float:
         """Metres of path ahead, up to the horizon, without an obstacle on the newest local map.
 
         A robot that stands too near to something may leave: at first the path must only not lead nearer to it.
-        Before something that moves towards the path it stops if it still can, in `brake_m`; else it had better pass.
+        Before something that moves towards the path it stops if it still can; else it had better pass.
         """
         ends = np.searchsorted(arc_m, along_m + np.array([0.0, LEAVING_M, horizon_m]), side="right")
         begin, leaving, end = (int(i) for i in ends)
@@ -145,8 +149,27 @@ class Guide:
         hit = self._first_blocked(path.xy_m, begin, leaving, min(BODY_M, here_m - 0.05))
         if hit < 0:
             hit = self._first_blocked(path.xy_m, leaving, end, BODY_M)
-        hit = self._first_mover(path.xy_m, int(np.searchsorted(arc_m, along_m + brake_m)), end if hit < 0 else hit, hit)
-        return horizon_m if hit < 0 else float(arc_m[hit] - along_m) - BETWEEN_M
+        free_m = horizon_m if hit < 0 else float(arc_m[hit] - along_m) - BETWEEN_M
+        return min(free_m, self._yield_m(path.xy_m[begin:end], arc_m[begin:end] - along_m, now_ns, v_mps))
+
+    def _yield_m(self, path_m: F64, arc_m: F64, now_ns: int, v_mps: float) -> float:
+        """How far the robot may go before something that moves has crossed its way; infinite if nothing does.
+
+        Where something only might come its way it goes on slowly. What stands in a mover's way gets out of it, but
+        never towards a mover.
+        """
+        foretold = self._movers.meetings(now_ns, path_m, arc_m, v_mps, careful=False)
+        if any(m.head_on and m.met_m < math.inf for m in foretold):
+            return max(0.0, min(m.wait_m for m in foretold if m.head_on))
+        swept_m = min((m.swept_m for m in foretold), default=math.inf)
+        if swept_m < BETWEEN_M:
+            return math.inf
+        might = self._movers.meetings(now_ns, path_m, arc_m, v_mps, careful=True)
+        return min([
+            self._movers.appeared_m(path_m, arc_m, braking_distance_m(v_mps)) - BETWEEN_M,
+            *(m.wait_m for m in foretold if m.met_m < math.inf),
+            *(max(m.wait_m, min(SLOWLY_M, swept_m - BETWEEN_M)) for m in might if m.met_m < math.inf),
+        ])  # fmt: skip
 
     def free_behind(self, x_m: float, y_m: float, yaw_rad: float) -> bool:
         """Whether the robot can back up a little."""
@@ -161,14 +184,6 @@ class Guide:
     def _first_blocked(self, xy_m: F64, begin: int, end: int, radius_m: float) -> int:
         assert self._local is not None
         return int(first_blocked(xy_m, begin, end, *self._seen(self._local), radius_m))
-
-    def _first_mover(self, xy_m: F64, begin: int, end: int, otherwise: int) -> int:
-        """The first path point that something has come near since the last map: it may be there when the robot is."""
-        new, new_frame, threshold, unknown = self._seen(self._recent[-1])
-        old, old_frame, _, _ = self._seen(self._recent[0])
-        maps = (new, new_frame, old, old_frame, threshold, unknown)
-        hit = int(first_appeared(xy_m, begin, end, *maps, MOVER_M, MOVER_CELLS))
-        return otherwise if hit < 0 else hit
 
     @staticmethod
     def _seen(local: OccupancyGrid) -> tuple[U1, tuple[float, float, float], int, int]:

@@ -10,7 +10,7 @@ from orograph.fields import saturated
 from orograph.keys import robot_number
 from orograph.messages import SECOND_NS, Mission, OccupancyGrid, Pose, RobotStatus, Sensors
 from orograph.navigation.ekf import PoseFilter
-from orograph.navigation.follower import STOP, Command, Follower, braking_distance_m
+from orograph.navigation.follower import STOP, Command, Follower
 from orograph.navigation.guide import Guide
 from orograph.navigation.recovery import STALLED_S, STUCK_S, Recovery, StuckWatch
 from orograph.navigation.return_path import ReturnPath
@@ -168,8 +168,8 @@ class Navigator:
             return 0.0
         at = (self.pose.x_m, self.pose.y_m)
         along_m = self._follower.advance(*at)
-        brake_m = braking_distance_m(self.pose.v_mps)
-        free_m = self.guide.free_ahead_m(path, self._follower.arc_m, along_m, at, HORIZON_M, brake_m)
+        v_mps = self.pose.v_mps
+        free_m = self.guide.free_ahead_m(path, self._follower.arc_m, along_m, at, HORIZON_M, now_ns, v_mps)
         if free_m >= NEAR_M:
             self._blocked_ns = -1
         elif self._blocked_ns < 0:

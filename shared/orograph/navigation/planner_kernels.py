@@ -10,6 +10,9 @@ import numpy as np
 
 from orograph.arrays import F64, I64, U1, Mask
 
+MET_BEFORE_S, MET_AFTER_S = 1.0, 1.5
+"""The robot gets out of a mover's way so long before it comes, and into it so long after its front has passed."""
+
 
 @numba.njit(cache=True)
 def blocked_cells(occupation: U1, threshold: int, unknown: int, alone_counts: bool) -> Mask:
@@ -233,38 +236,28 @@ def first_blocked(
 
 
 @numba.njit(cache=True)
-def first_appeared(
-    xy_m: F64,
-    first: int,
-    last: int,
-    new: U1,
-    new_frame: tuple[float, float, float],
-    old: U1,
-    old_frame: tuple[float, float, float],
-    threshold: int,
-    unknown: int,
-    radius_m: float,
-    count: int,
-) -> int:
-    """Index in [first, last) of the first path point with `count` cells within `radius_m` that are blocked only now.
+def first_met(
+    path_m: F64, arrival_s: F64, cells_m: F64, times_s: F64, moved_m: F64, reach_m: F64
+) -> tuple[int, int, int]:
+    """Where a path (n, 2) meets cells (k, 2) that move: the first point met, the last before it where one may wait,
+    and the first to which the cells ever come; -1 where there is no such point.
 
-    Two maps of the same cells, frames (x0, y0, cell side) a whole number of cells apart. -1 if there is none.
+    The robot is at each point at `arrival_s` (n,); by `times_s` (m,) the cells will have `moved_m` (m, 2) and keep
+    others off by `reach_m` (m,). Where one may wait they never come.
     """
-    rows, cols = new.shape
-    x0, y0, cell_m = new_frame
-    shift_c, shift_r = round((x0 - old_frame[0]) / cell_m), round((y0 - old_frame[1]) / cell_m)
-    reach = math.ceil(radius_m / cell_m)
-    for i in range(first, last):
-        col, row = math.floor((xy_m[i, 0] - x0) / cell_m), math.floor((xy_m[i, 1] - y0) / cell_m)
-        seen = 0
-        for r in range(max(0, row - reach), min(rows, row + reach + 1)):
-            for c in range(max(0, col - reach), min(cols, col + reach + 1)):
-                before_r, before_c = r + shift_r, c + shift_c
-                inside = 0 <= before_r < old.shape[0] and 0 <= before_c < old.shape[1]
-                if new[r, c] < threshold or new[r, c] == unknown or not inside:
-                    continue
-                near = (r - row) ** 2 + (c - col) ** 2 <= (radius_m / cell_m) ** 2
-                seen += near and old[before_r, before_c] < threshold
-        if seen >= count:
-            return i
-    return -1
+    safe, swept = -1, -1
+    for i in range(len(path_m)):
+        comes = False
+        for t in range(len(times_s)):
+            x, y = path_m[i, 0] - moved_m[t, 0], path_m[i, 1] - moved_m[t, 1]
+            for k in range(len(cells_m)):
+                if (x - cells_m[k, 0]) ** 2 + (y - cells_m[k, 1]) ** 2 < reach_m[t] ** 2:
+                    comes = True
+                    if times_s[t] - MET_BEFORE_S <= arrival_s[i] <= times_s[t] + MET_AFTER_S:
+                        return i, safe, i if swept < 0 else swept
+                    break
+        if not comes:
+            safe = i
+        elif swept < 0:
+            swept = i
+    return -1, safe, swept

@@ -19,7 +19,6 @@ from orograph.navigation.planner import (
 )
 from orograph.navigation.planner_kernels import (
     blocked_cells,
-    first_appeared,
     first_blocked,
     least_cost_path,
     nearest_finite,
@@ -148,20 +147,6 @@ def test_first_blocked_names_the_first_point_in_range():
     assert first_blocked(path, 0, 18, *arguments) == 13  # x = 6.75; the cells' centres at x = 7.25, 0.25 m beside it
     assert first_blocked(path, 0, 13, *arguments) == -1
     assert first_blocked(path, 16, 18, *arguments) == -1
-
-
-def test_what_is_blocked_only_now_is_found_though_the_map_has_rolled():
-    old, new = np.zeros((40, 40), np.uint8), np.zeros((40, 40), np.uint8)
-    old[20:23, 20] = 254  # stays: x = 10.25, y = 10.25 .. 11.25
-    new[20:23, 10] = 254  # the same cells seen from an origin 5 m further east
-    path = np.column_stack([np.arange(5.25, 20.0, 0.5), np.full(30, 12.0)])
-    maps = (new, (5.0, 0.0, 0.5), old, (0.0, 0.0, 0.5), 242, 255, 2.0)
-    assert first_appeared(path, 0, 30, *maps, 3) == -1
-    new[20:23, 18] = 254  # appears at x = 14.25
-    assert first_appeared(path, 0, 30, *maps, 3) == 18  # all three only from right beside: rows 4, 3, 2 away, radius 4
-    assert first_appeared(path, 0, 30, *maps, 2) == 16  # two of them from two columns before
-    assert first_appeared(path, 0, 30, *maps, 4) == -1
-    assert first_appeared(path, 0, 10, *maps, 3) == -1
 
 
 # --- maps ----------------------------------------------------------------------------------------------------------
