@@ -30,6 +30,8 @@ NEWEST = 0.6
 """Weight of the newest displacement in the velocity."""
 TURNS_RADPS = 0.25, 1.5
 """It is thought to turn on, by a quarter at most, if it turns faster than the first; no faster than the second."""
+TURNS_MPS = 2.5
+"""Of what is slower the course is too coarsely known for that."""
 AHEAD_S = np.arange(0.0, 5.01, 0.2)
 """Times at which a mover is foretold."""
 REACH_M = 1.4
@@ -66,7 +68,7 @@ class Mover:
 
     def moved_m(self, times_s: F64) -> F64:
         """How far it is foretold to have come (n, 2) after times (n,)."""
-        turning = abs(self.turn_radps) >= TURNS_RADPS[0] and self.speed_mps >= SLOWEST_MPS
+        turning = abs(self.turn_radps) >= TURNS_RADPS[0] and self.speed_mps >= TURNS_MPS
         turned = np.clip((self.turn_radps if turning else 0.0) * times_s, -0.5 * math.pi, 0.5 * math.pi)
         heading = math.atan2(self.velocity_mps[1], self.velocity_mps[0]) + turned
         steps_s = np.diff(times_s, prepend=0.0)

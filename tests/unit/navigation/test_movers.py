@@ -54,7 +54,7 @@ def test_a_cars_velocity_is_known_and_walls_do_not_move(speed, heading):
     vx, vy = speed * math.cos(heading), speed * math.sin(heading)
     movers = followed(lambda t: (30 + vx * (t - 2), 30 + vy * (t - 2)), static=[(0, 5, 60, 6)])
     (mover,) = movers.sure
-    assert np.hypot(*(mover.velocity_mps - (vx, vy))) < 0.4 + 0.1 * speed
+    assert np.hypot(*(mover.velocity_mps - (vx, vy))) < 0.8 + 0.1 * speed, "a cell is 0.5 m, a map 0.4 s"
 
 
 def test_a_car_in_a_bend_is_foretold_to_turn_on():
