@@ -155,19 +155,21 @@ class Guide:
     def _yield_m(self, path_m: F64, arc_m: F64, now_ns: int, v_mps: float) -> float:
         """How far the robot may go before something that moves has crossed its way; infinite if nothing does.
 
-        Where something only might come its way it goes on slowly. What stands in a mover's way gets out of it, but
-        never towards a mover.
+        Where something only might come its way it goes on slowly. What stands in a mover's way gets out of it if
+        it can in time, but never towards a mover.
         """
         foretold = self._movers.meetings(now_ns, path_m, arc_m, v_mps, careful=False)
         if any(m.head_on and m.met_m < math.inf for m in foretold):
             return max(0.0, min(m.wait_m for m in foretold if m.head_on))
-        swept_m = min((m.swept_m for m in foretold), default=math.inf)
-        if swept_m < BETWEEN_M:
+        if self._movers.escapes(now_ns, path_m, arc_m, v_mps):
             return math.inf
+        stops_m = [m.wait_m for m in foretold if m.met_m < math.inf]
+        swept_m = min((m.swept_m for m in foretold), default=math.inf)
+        if stops_m or swept_m < BETWEEN_M:
+            return min(stops_m, default=math.inf)
         might = self._movers.meetings(now_ns, path_m, arc_m, v_mps, careful=True)
         return min([
             self._movers.appeared_m(path_m, arc_m, braking_distance_m(v_mps)) - BETWEEN_M,
-            *(m.wait_m for m in foretold if m.met_m < math.inf),
             *(max(m.wait_m, min(SLOWLY_M, swept_m - BETWEEN_M)) for m in might if m.met_m < math.inf),
         ])  # fmt: skip
 

@@ -26,8 +26,8 @@ LOST_NS = round(1.0 * SECOND_NS)
 SURE = 3
 """Seen so many times, it moves; a wall that comes into sight does not go on for long."""
 SLOWEST_MPS, FASTEST_MPS = 0.6, 15.0
-NEWEST = 0.6
-"""Weight of the newest displacement in the velocity."""
+NEWEST, NEWEST_SLOW = 0.6, 0.3
+"""Weight of the newest displacement in the velocity; of what is slow, cells of half a metre tell less."""
 TURNS_RADPS = 0.25, 1.5
 """It is thought to turn on, by a quarter at most, if it turns faster than the first; no faster than the second."""
 TURNS_MPS = 2.5
@@ -36,6 +36,8 @@ AHEAD_S = np.arange(0.0, 5.01, 0.2)
 """Times at which a mover is foretold."""
 REACH_M = 1.4
 """The robot's half diagonal, half a cell's, and half a metre."""
+TOUCH_M = 0.7
+"""So near the robot is touched, whichever side it turns to it."""
 BEND_MPS2, BEND_MAX_M = 2.0, 4.0
 """Whatever drives may begin to turn at any time: so far it may come from its foretold way."""
 HEAD_ON = 0.7
@@ -116,6 +118,18 @@ class Movers:
         """Those that are known to move."""
         return [m for m in self._movers if m.sure]
 
+    def escapes(self, now_ns: int, path_m: F64, arc_m: F64, v_mps: float) -> bool:
+        """Whether one would drive over a robot that stays, and not over one that goes on along its path (n, 2)."""
+        times_s = arrival_s(arc_m, v_mps)
+        for m in self.sure:
+            way_m = m.moved_m(AHEAD_S + (now_ns - m.stamp_ns) / SECOND_NS)[None] + m.cells_m[:, None]
+            comes = np.hypot(*(way_m - path_m[0]).transpose(2, 0, 1)).min(axis=0) < TOUCH_M
+            away_m = np.hypot(*(path_m[:, None] - way_m.reshape(-1, 2)[None]).transpose(2, 0, 1)).min(axis=1)
+            out = np.flatnonzero(away_m >= TOUCH_M)
+            if comes.any() and len(out) and times_s[out[0]] <= AHEAD_S[np.argmax(comes)]:
+                return True
+        return False
+
     def appeared_m(self, path_m: F64, arc_m: F64, beyond_m: float) -> float:
         """Where beyond some metres a path (n, 2) leads past what has come and may move, who knows how; or infinity."""
         cells_m = [m.cells_m for m in self._movers if not m.sure and len(m.cells_m) >= NEW_CELLS]
@@ -160,7 +174,8 @@ def _followed(known: Mover | None, stamp_ns: int, cells_m: F64, middle: F64) -> 
     if known.seen > 1 and known.speed_mps > 0.0:
         turned = wrap_angle(math.atan2(moved_mps[1], moved_mps[0]) - math.atan2(*known.velocity_mps[::-1]))
         turn = NEWEST * max(-TURNS_RADPS[1], min(TURNS_RADPS[1], turned / passed_s)) + (1 - NEWEST) * known.turn_radps
-        moved_mps = NEWEST * moved_mps + (1.0 - NEWEST) * known.velocity_mps
+        newest = NEWEST if known.speed_mps >= TURNS_MPS else NEWEST_SLOW
+        moved_mps = newest * moved_mps + (1.0 - newest) * known.velocity_mps
     return Mover(stamp_ns, cells_m, middle, moved_mps, turn, known.seen + 1)
 
 
