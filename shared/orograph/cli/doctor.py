@@ -25,6 +25,7 @@ MODULES = {
     "mission": ("ortools.constraint_solver.pywrapcp",),
     "osm": ("osmium", "pyproj"),
     "scans": ("laspy", "pypcd4", "pyproj", "rosbags", "trimesh"),
+    "odometry": ("kiss_icp",),
     "export": ("laspy", "pyproj", "rasterio", "rosbags", "trimesh"),
 }  # fmt: skip
 """Importable names by the extra that brings them ('' is what every installation has)."""

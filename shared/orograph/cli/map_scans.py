@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
@@ -17,7 +18,10 @@ from orograph.rules import NamedRules, Rules
 from orograph.scenario import Scenario
 
 if TYPE_CHECKING:
+    from orograph.arrays import F64
+    from orograph.importers.scans.opened import Odometry, Recording
     from orograph.launch.recorded import Told
+    from orograph.storage.recorded_map import MapInfo
 
 FORMATS = ("kitti", "nuscenes", "pcd", "ply", "npz", "xyz", "las", "bag")
 LINE_EVERY_S = 5.0
@@ -41,6 +45,9 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     default = Scenario.model_fields["rules"].default
     parser.add_argument("sources", nargs="+", type=Path, metavar="SOURCE", help="a file, a folder of scans, or a bag")
     parser.add_argument("--poses", type=Path, metavar="FILE", help="TUM (time x y z qx qy qz qw) or KITTI (3 x 4)")
+    parser.add_argument(
+        "--odometry", choices=("kiss-icp",), help="poses from the scans themselves, where there are none"
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder, new or empty (default: runs/map-NNN)")
     parser.add_argument("--format", choices=FORMATS, help="what the files are (default: by content and name)")
     parser.add_argument("--frame", choices=("sensor", "map"), help="whose coordinates points have (default: the "
@@ -63,6 +70,7 @@ def main(args: argparse.Namespace) -> int:
     """Read, map, write, and say what was dropped; raises InputError."""
     try:
         from orograph.importers.scans.opened import open_recordings
+        from orograph.importers.scans.trajectory import sensor_pose
     except ImportError as error:
         raise InputError(f"{error}; {EXTRA}") from None
     from orograph.launch.recorded import MapRules, map_recordings
@@ -72,15 +80,40 @@ def main(args: argparse.Namespace) -> int:
     crs = known_crs(args.crs)
     how = MapRules(*_bounds(args), Rules.of(args.rules))
     box = self_box(args.self_box)
-    recordings = open_recordings(
-        args.sources, args.poses, args.format, args.topic, None if args.frame is None else args.frame == "map",
-        args.sensor_pose, box,
-    )  # fmt: skip
-    out = new_folder(args.out, "map")
-    with _Line(args.quiet) as line, _empty_no_more(out):
-        mapped = map_recordings(recordings, how, line.show)
-        line.say(f"drawing {mapped.cells.grid.cols} x {mapped.cells.grid.rows} cells")
-        info = write_folder(out, mapped, recordings, args.rules, crs)
+    mount = sensor_pose(args.sensor_pose)
+    if args.odometry and args.poses:
+        raise InputError("--odometry and --poses: one of them")
+    with _Line(args.quiet) as line:
+        odometry = _odometry(mount, how.range_min_m, how.range_max_m, line) if args.odometry else None
+        in_map = None if args.frame is None else args.frame == "map"
+        recordings = open_recordings(
+            args.sources, args.poses, args.format, args.topic, in_map, mount, box, odometry
+        )  # fmt: skip
+        out = new_folder(args.out, "map")
+        with _empty_no_more(out):
+            mapped = map_recordings(recordings, how, line.show)
+            line.say(f"drawing {mapped.cells.grid.cols} x {mapped.cells.grid.rows} cells")
+            info = write_folder(out, mapped, recordings, args.rules, crs)
+    _tell(info, recordings)
+    print(f"report: {out / REPORT}")
+    return 0
+
+
+def _odometry(mount: F64, range_min_m: float, range_max_m: float, line: _Line) -> Odometry:
+    from orograph.importers.scans.odometry import by_kiss_icp
+
+    if importlib.util.find_spec("kiss_icp") is None:
+        raise InputError("--odometry kiss-icp: is not installed; pip install 'orograph[odometry]'")
+
+    def on_scan(done: int, of: int) -> None:
+        if line.due():
+            line.say(f"odometry of scan {done} of {of}")
+
+    return lambda scans: by_kiss_icp(scans, mount, range_min_m, range_max_m, on_scan)
+
+
+def _tell(info: MapInfo, recordings: Sequence[Recording]) -> None:
+    """What was read, what it became, and what was left out."""
     rate = f"{info.scans / info.took_s:.1f} scans/s, {info.points / info.took_s / 1e6:.1f} M points/s"
     print(f"{info.scans} scans, {info.points:,} points in {info.took_s:.1f} s ({rate}); {info.cells:,} cells of "
           f"{info.cell_m:g} m")  # fmt: skip
@@ -93,8 +126,6 @@ def main(args: argparse.Namespace) -> int:
         print(f"  left out {info.scans_without_pose} scans: no pose of their time")
     if info.clock_restarts:
         print(f"  the scans' clock was set back {info.clock_restarts} times")
-    print(f"report: {out / REPORT}")
-    return 0
 
 
 def self_box(text: str | None) -> tuple[float, ...]:
@@ -171,11 +202,15 @@ class _Line:
 
     def show(self, told: Told) -> None:
         """After each scan."""
-        took_s = max(time.monotonic() - told.began_s, 1e-3)
-        if time.monotonic() - self._said_s < (0.25 if self._console.is_terminal else LINE_EVERY_S):
+        if not self.due():
             return
+        took_s = max(time.monotonic() - told.began_s, 1e-3)
         self.say(f"scan {told.scans} of {told.scans_in_all}, {told.scans / took_s:.1f} scans/s, "
                  f"{told.points / took_s / 1e6:.1f} M points/s")  # fmt: skip
+
+    def due(self) -> bool:
+        """Whether the line is old enough to be said anew."""
+        return time.monotonic() - self._said_s >= (0.25 if self._console.is_terminal else LINE_EVERY_S)
 
     def say(self, text: str) -> None:
         """What goes on now."""

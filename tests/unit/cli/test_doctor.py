@@ -59,7 +59,8 @@ def test_every_dependency_is_looked_at() -> None:
     import tomllib
 
     project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
-    wheels = {"eclipse-zenoh": "zenoh", "pyyaml": "yaml", "prometheus-client": "prometheus_client"}
+    wheels = {"eclipse-zenoh": "zenoh", "pyyaml": "yaml", "prometheus-client": "prometheus_client",
+              "kiss-icp": "kiss_icp"}  # fmt: skip
     extras = {"": project["dependencies"], **project["optional-dependencies"]}
     for extra, names in doctor.MODULES.items():
         wanted = {wheels.get(bare, bare) for bare in (n.split(">")[0].split("[")[0] for n in extras[extra])}

@@ -55,6 +55,7 @@ def test_a_folder_of_scans_becomes_a_map_with_a_place(drive: Path, capsys: pytes
     (["--frame", "map", "--self-box", "1,2"], "--self-box 1,2: expected x0,y0,z0,x1,y1,z1"),
     (["--frame", "map", "--self-box", "1,0,0,0,1,1"], "each first less than its second"),
     (["--frame", "map", "--sensor-pose", "1,2,high"], "--sensor-pose 1,2,high: expected x,y,z"),
+    (["--odometry", "kiss-icp", "--poses", "x"], "--odometry and --poses: one of them"),
     (["--format", "las"], "holds 5 such files; give several LAS files by name"),
 ])  # fmt: skip
 def test_what_is_wrong_is_said_in_one_line_and_nothing_is_left(
@@ -64,6 +65,18 @@ def test_what_is_wrong_is_said_in_one_line_and_nothing_is_left(
     printed = capsys.readouterr().err
     assert words in printed and printed.count("\n") == 1
     assert not (drive / "out").exists()
+
+
+def test_odometry_stands_in_for_poses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    random = np.random.default_rng(2)
+    (tmp_path / "scans").mkdir()
+    boxes = [random.uniform(0, 3, (150, 3)) + np.array([x, y, -1.5]) for x, y in random.uniform(-25, 25, (30, 2))]
+    world = np.concatenate([recordings.scene(), *boxes])
+    for i in range(4):
+        recordings.kitti(tmp_path / "scans" / f"00000{i}.bin", world - np.array([0.5 * i, 0, 0]))
+    assert main(["map", str(tmp_path / "scans"), "--odometry", "kiss-icp", "--out", str(tmp_path / "out")]) == 0
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert '<div class="n">2<small>m</small></div><div class="k">way of the sensor' in page
 
 
 def test_points_of_surveyors_are_mapped_where_they_lie(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,13 +11,11 @@ from orograph.arrays import F64
 from orograph.importers.scans import kitti
 from orograph.importers.scans.placing_kernels import place
 from orograph.importers.scans.scan import Points, Scan, ScanError, ScanFiles, Scans
-from orograph.importers.scans.trajectory import KITTI, Trajectory, pose_lines, tum
+from orograph.importers.scans.trajectory import KITTI, PERIOD_NS, Trajectory, pose_lines, tum
 from orograph.importers.scans.trajectory import kitti as of_camera
 
 KNOT_NS = 2_000_000
 """A sensor's way within a scan is cut into pieces of 2 ms: at 3 rad/s they are straight to 0.4 mm at 80 m."""
-PERIOD_NS = 100_000_000
-"""Time between scans of which no stamp is known."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,8 @@ REACH_NS = 200_000_000
 """A scan may begin or end so long before the first pose or after the last: the nearest pose holds."""
 GAP_NS = 2_000_000_000
 """Between poses further apart nobody knows where the sensor was."""
+PERIOD_NS = 100_000_000
+"""Time between scans of which no stamp is known."""
 TUM, KITTI = 8, 12
 """Numbers in a line."""
 
