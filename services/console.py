@@ -14,6 +14,7 @@ from orograph.runtime.briefing import await_briefing
 from orograph.runtime.participant import EXIT_RELEASED
 from orograph.runtime.settings import Settings
 from orograph.runtime.watchdog import Watchdog, leave, options
+from orograph.storage.copied_state import copied_state
 
 
 def main() -> int:
@@ -32,6 +33,7 @@ def main() -> int:
         briefing = await_briefing(bus, settings.run_dir, watchdog)
         if briefing is not None:
             live = LiveFilm(briefing)
+            live.catch_up(copied_state(briefing.folder, briefing.scenario.grid.grid.shape))
             Observer(bus.sessions, KINDS, live.hear)
 
             def turn() -> None:

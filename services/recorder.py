@@ -21,9 +21,7 @@ TURN_S = 0.2
 def main() -> int:
     """Run the service until it is told to stop."""
     parser = options(__doc__)
-    parser.add_argument(
-        "--full-scans", action="store_true", help="every scan, and all of it"
-    )
+    parser.add_argument("--full-scans", action="store_true", help="every scan, and all of it")
     arguments = parser.parse_args()
     watchdog, settings = Watchdog("recorder", arguments), Settings.from_environment()
     with suppress(InterruptedError), Bus.open(settings.sim, settings.radio, watchdog.stop) as bus:

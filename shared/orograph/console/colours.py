@@ -9,17 +9,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from matplotlib import colormaps
-from matplotlib.colors import Colormap, to_rgb
+from matplotlib.colors import Colormap, ListedColormap, to_rgb
 
 from orograph.arrays import F64, U1
 from orograph.layers import CONFIDENT, Layer
-from orograph.report.palette import CONFIDENCE, ERROR, HEIGHT, OCCUPATION, robot_colour
+from orograph.report.palette import CONFIDENCE, ERROR, HEIGHT, OCCUPATION, ROBOT_COLOURS, robot_colour
 
 Values = npt.NDArray[np.floating]
 UNKNOWN = np.array([0.62, 0.65, 0.68])
 """Of cells of which this scale has nothing to say."""
 PALE_LOW, PALE_HIGH = np.array([0.42, 0.45, 0.49]), np.array([0.90, 0.90, 0.88])
 """Of cells that are known from the prior alone, by height: what robots map takes colour."""
+TRUTH, WHO = "truth", "who"
+FLEET = ListedColormap(ROBOT_COLOURS)
 ERROR_MAX_M = 2.0
 AGE_MAX_S = 120.0
 
@@ -36,6 +38,8 @@ class Look:
     confidence: Layer
     age_s: F64
     """Since the last change; NaN where it is still the prior."""
+    by: F64
+    """Place in the fleet, 0 first, of the robot that was last to see the cell; NaN where none was."""
     range_m: tuple[float, float]
     """Of heights, the same through the run."""
 
@@ -52,6 +56,8 @@ class Scale:
     surface: Callable[[Look], F64] = lambda look: look.height_m
     """What stands up in 3D meanwhile."""
     says: str = ""
+    needs: str = ""
+    """TRUTH or WHO, which are dear to make, or nothing."""
 
     def rgb(self, look: Look) -> Values:
         """Colours (rows, cols, 3) 0..1."""
@@ -96,12 +102,14 @@ SCALES = {
               says=f"a cell counts as mapped from {CONFIDENT:.0f}"),
         Scale("age", "s", _map("magma_r"), lambda k: k.age_s, lambda k: (0.0, AGE_MAX_S),
               says="since the map last changed there; grey is still the prior"),
+        Scale("who saw it last", "", FLEET, lambda k: k.by % FLEET.N, lambda k: (-0.5, FLEET.N - 0.5),
+              says="in the colour of the robot; grey is still the prior", needs=WHO),
         Scale("error", "m", _map(ERROR), lambda k: k.height_m - k.truth_m, lambda k: (-ERROR_MAX_M, ERROR_MAX_M),
-              says="map minus truth: red is too high, blue too low"),
+              says="map minus truth: red is too high, blue too low", needs=TRUTH),
         Scale("prior", "m", _map(HEIGHT), lambda k: k.prior_m, lambda k: k.range_m, lambda k: k.prior_m,
               says="what was believed before the first scan"),
         Scale("truth", "m", _map(HEIGHT), lambda k: k.truth_m, lambda k: k.range_m, lambda k: k.truth_m,
-              says="what is really there"),
+              says="what is really there", needs=TRUTH),
     )
 }  # fmt: skip
 """By the word in the page's menu, the first of them at the start."""

@@ -87,16 +87,16 @@ class MapCourse:
         self.cells = self._prior.copy()
         self.changed_ns: I64 = np.full(len(self.cells), -1, np.int64)
         """When each cell changed last; -1 where it is still the prior."""
-        self._stamp_ns, self._taken = -1, 0
+        self._stamp_ns, self.taken = -1, 0
 
     def seek(self, changes: Packed, stamp_ns: int) -> None:
         """Make `cells` (n,) CELL and `changed_ns` (n,) what they are at a time; `changes` only ever grow."""
-        if stamp_ns < self._stamp_ns or len(changes) < self._taken:
+        if stamp_ns < self._stamp_ns or len(changes) < self.taken:
             self._restart()
         until = int(np.searchsorted(changes["stamp_ns"], stamp_ns, "right"))
-        news = changes[self._taken : until]
+        news = changes[self.taken : until]
         # Of a cell named more than once NumPy keeps the last, which is the newest.
         for name in CELL.names or ():
             self.cells[name][news["cell"]] = news[name]
         self.changed_ns[news["cell"]] = news["stamp_ns"]
-        self._stamp_ns, self._taken = stamp_ns, max(until, self._taken)
+        self._stamp_ns, self.taken = stamp_ns, max(until, self.taken)

@@ -31,7 +31,10 @@ from orograph.nodes.cell_history import CellHistory
 from orograph.nodes.history import History
 from orograph.nodes.robot_mapping import ScanPoseSync
 from orograph.points import points_from_ranges
+from orograph.protocol.ledger import Ledger
 from orograph.protocol.overheard import OverheardMap
+from orograph.protocol.store import StoredState
+from orograph.rules import Rules
 from orograph.runtime.briefing import Briefing
 from orograph.scene.site import Site
 from orograph.storage.parts import read_events
@@ -67,6 +70,17 @@ class LiveFilm:
         self._newest_ns = -1
         self.begun_anew = False
         """Another run has begun since, of which this film knows nothing."""
+
+    def catch_up(self, held: StoredState) -> None:
+        """Begin with what had been committed before this film could hear of it; call before `hear`."""
+        scenario = self._site.scenario
+        ledger = Ledger(self._site.prior, scenario.grid.grid.size, Rules.of(scenario.rules), held)
+        self._overheard.catch_up(ledger.glrm, held.manager_epoch)
+        self._map.append(0, ledger.glrm[ledger.glrm["version"] > 0])
+        for number in held.registers:
+            row = ledger.row(number)
+            known = self._rows.setdefault(keys.robot_id(number), np.zeros(scenario.grid.grid.size, REGISTER))
+            known[row["cell"]] = row
 
     def hear(self, heard: Heard) -> None:
         """Take one message."""

@@ -15,6 +15,7 @@ import viser
 from orograph.console import words
 from orograph.console.actors import Actors
 from orograph.console.camera import Cameras
+from orograph.console.colours import TRUTH
 from orograph.console.controls import Controls
 from orograph.console.film import Film
 from orograph.console.look import Looker
@@ -27,7 +28,7 @@ from orograph.protocol.explained import Explanation, explain
 from orograph.rules import Rules
 
 PICTURE_S = 0.2
-WORDS_S = 0.5
+WORDS_S = 1.0
 PORT = 8080
 
 
@@ -57,7 +58,8 @@ class Page:
         self._grid = first.site.scenario.grid.grid
         x0, y0, x1, y1 = self._grid.extent_m
         self._looker = Looker(first.site)
-        self._look = self._looker.look(first, 0, with_truth=False)
+        self._look = self._looker.look(first, 0, ())
+        self._looked: tuple[object, ...] = ()
         self._server = server
         self._relief = Relief(server.scene, self._grid)
         self._actors = Actors(server.scene, first, max(x1 - x0, y1 - y0))
@@ -90,12 +92,15 @@ class Page:
         stamp_ns = self._timeline.time_ns(film, now_s - self._stepped_s)
         self._stepped_s = now_s
         scale = self._controls.scale
-        with_truth = self._picked is not None or scale.label in ("error", "truth")
-        self._look = self._looker.look(film, stamp_ns, with_truth)
+        wanted = (scale.needs, TRUTH if self._picked else "")
+        state = (*self._looker.state(film, stamp_ns), scale.label, *wanted)
         with self._server.atomic():
-            self._relief.show(self._look, scale)
+            self._relief.settle()
+            if state != self._looked:
+                self._look, self._looked = self._looker.look(film, stamp_ns, wanted), state
+                self._relief.show(self._look, scale)
             self._actors.show(film, stamp_ns, self._controls.shown)
-            self._controls.head(words.headline(film, self._look, stamp_ns))
+            self._controls.head(words.headline(film, self._look, stamp_ns, self._timeline.pace(film, now_s)))
             if now_s - self._worded_s >= WORDS_S or self._controls.changed:
                 self._worded_s, self._controls.changed = now_s, False
                 self._controls.say(

@@ -29,10 +29,7 @@ class Relief:
         self.sent_bytes = 0
 
     def show(self, look: Look, scale: Scale) -> None:
-        """Draw the map as a scale has it."""
-        for node in self._leaving:
-            node.remove()
-        self._leaving.clear()
+        """Draw the map as a scale has it; `settle` before the next."""
         height_m, rgb = np.asarray(scale.surface(look), np.float64), np.round(scale.rgb(look) / COLOUR_STEP)
         moved = ~((height_m == self._height_m) | (np.isnan(height_m) & np.isnan(self._height_m)))
         changed = moved | (rgb != self._rgb).any(axis=-1)
@@ -42,6 +39,12 @@ class Relief:
         surface = Surface(self._grid, height_m)
         for place in touched(changed):
             self._send(place, surface.mesh(*self._tiles[place]))
+
+    def settle(self) -> None:
+        """Take away what has been replaced, a picture later than what replaces it came."""
+        for node in self._leaving:
+            node.remove()
+        self._leaving.clear()
 
     def _send(self, place: tuple[int, int], mesh: Mesh) -> None:
         self._turn[place] = 1 - self._turn[place]

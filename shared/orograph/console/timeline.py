@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any
 
 import viser
@@ -11,6 +12,7 @@ from orograph.console.film import Film
 SPEEDS = {"1x": 1.0, "4x": 4.0, "16x": 16.0, "64x": 64.0}
 PLAY, PAUSE, LIVE, END = "play", "pause", "live", "end"
 WIDTH_PX = 460
+PACE_PICTURES = 25
 MOVED_S = 0.05
 """A slider that stands further than this from where it was put has been moved."""
 
@@ -22,6 +24,7 @@ class Timeline:
         self._playing, self._speed = True, SPEEDS["4x"]
         self._at_s = self._put_s = 0.0
         self._end_s = film.end_ns * 1e-9
+        self._past: deque[tuple[float, float]] = deque(maxlen=PACE_PICTURES)
         panel = server.gui.add_panel()
         panel.float(x=16, y=-16, width=WIDTH_PX)
         with panel.add_tab("time"):
@@ -45,6 +48,12 @@ class Timeline:
             self._at_s = self._end_s
         elif button == PLAY and self._at_s >= self._end_s:
             self._at_s = 0.0
+
+    def pace(self, film: Film, now_s: float) -> float:
+        """Simulation over real time of a live run, over the last seconds."""
+        self._past.append((now_s, film.end_ns * 1e-9))
+        (then_s, was_s), (now_s, is_s) = self._past[0], self._past[-1]
+        return (is_s - was_s) / max(now_s - then_s, 1e-3)
 
     def time_ns(self, film: Film, passed_s: float) -> int:
         """The time to show `passed_s` after the last picture; a live film that plays is at its end."""

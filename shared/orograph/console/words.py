@@ -7,7 +7,7 @@ from html import escape
 import numpy as np
 
 from orograph.arrays import I64
-from orograph.console.colours import Look, Scale
+from orograph.console.colours import WHO, Look, Scale
 from orograph.console.film import RADIO, Film
 from orograph.grid import Grid
 from orograph.keys import robot_id
@@ -28,11 +28,11 @@ def clock(stamp_ns: int) -> str:
     return f"{int(seconds) // 60}:{seconds % 60:04.1f}"
 
 
-def headline(film: Film, look: Look, stamp_ns: int) -> str:
-    """How far the map is, and each robot's state, as HTML."""
+def headline(film: Film, look: Look, stamp_ns: int, pace: float) -> str:
+    """How far the map is, and each robot's state, as HTML; `pace` is simulation over real time."""
     share = float((np.isfinite(look.age_s) & (look.confidence >= CONFIDENT)).mean())
     rows = "".join(_robot_row(film, robot, i, stamp_ns) for i, robot in enumerate(film.robots))
-    state = "live" if film.live else f"of {clock(film.end_ns)}"
+    state = f"live, x{pace:.1f} real time" if film.live else f"of {clock(film.end_ns)}"
     return (
         f"<div style='{BOX}'><div style='font-size:20px;font-weight:600'>{clock(stamp_ns)} "
         f"<span style='font-size:12px;font-weight:400;{QUIET}'>min of simulation, {state}</span></div>"
@@ -59,6 +59,8 @@ def legend(scale: Scale, look: Look) -> str:
     low, high = scale.limits(look)
     stops = np.asarray(scale.colours(np.linspace(0, 1, LEGEND_STEPS)))[:, :3]
     bar = ",".join("#" + "".join(f"{round(v * 255):02x}" for v in rgb) for rgb in stops)
+    if scale.needs == WHO:
+        return f"<div style='{BOX}'><div style='{QUIET}'>{escape(scale.says)}</div></div>"
     ends = [f"{value:+g}" if low < 0 and value else f"{value:.3g}" for value in (low, (low + high) / 2, high)]
     return (
         f"<div style='{BOX}'><div style='height:10px;border-radius:3px;background:linear-gradient(90deg,{bar})'></div>"

@@ -22,6 +22,10 @@ class OverheardMap:
             self.cells[name] = prior[name]
         self._manager_epoch = 0
 
+    def catch_up(self, glrm: Packed, manager_epoch: int) -> None:
+        """Begin with the map of a life of the manager, as that had committed it."""
+        self.cells[:], self._manager_epoch = glrm, manager_epoch
+
     def take(self, delta: Delta) -> Packed:
         """The cells (m,) that a delta changed."""
         if delta.manager_epoch < self._manager_epoch:

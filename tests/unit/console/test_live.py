@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,15 @@ import pytest
 from orograph import keys
 from orograph.comms.observer import Heard
 from orograph.console.live import LiveFilm
-from orograph.messages import CELL, UPDATE, Batch, Bodies, Delta, MappingStatus, Message, Packed
+from orograph.messages import CELL, UPDATE, Batch, Bodies, Delta, Hello, MappingStatus, Message, Packed
+from orograph.protocol.manager import ManagerSync
+from orograph.rules import Rules
 from orograph.runtime.briefing import Briefing
 from orograph.scenario import Scenario
+from orograph.scene.site import Site
+from orograph.storage.copied_state import copied_state
+from orograph.storage.run_folder import STORE
+from orograph.storage.sqlite_store import SqliteStore
 
 ONE = "robot_001"
 
@@ -72,6 +79,31 @@ def test_registers_are_the_newest_of_each_robot(live: LiveFilm) -> None:
         hear(live, 1, Batch(epoch, records), keys.node(keys.MAPPING, ONE), keys.MANAGER)
     registers = live.film().registers()
     assert registers[["robot", "epoch", "cell", "seq", "height"]].tolist() == [(1, 2, 8, 1, 10)]
+
+
+def test_one_that_comes_late_begins_with_what_was_committed(
+    live: LiveFilm, scenario_of: Callable[..., Scenario], tmp_path: Path
+) -> None:
+    site = Site(scenario_of())
+    with closing(SqliteStore(tmp_path / STORE, (20, 20))) as store:
+        manager = ManagerSync((20, 20), site.prior, Rules.of(site.scenario.rules), store, (ONE,))
+        records = np.zeros(1, UPDATE)
+        records["cell"], records["seq"], records["height"], records["confidence"] = 8, 1, 4_000, 200
+        for now_ns, message in ((0, Hello(bytes(16))), (1, Batch(1, records))):
+            manager.step(now_ns, [(ONE, message)], lambda robot, message: None)
+        live.catch_up(copied_state(tmp_path, (20, 20)))  # while its manager still holds the store
+    assert heights(live) == {8: int(manager.glrm["height"][8])} and manager.glrm["confidence"][8] > 100
+    assert live.film().registers()["cell"].tolist() == [8]
+    tell_map(live, 9, manager.manager_epoch, (8, manager.version, 1), (9, manager.version + 1, 2))
+    assert heights(live) == {8: int(manager.glrm["height"][8]), 9: 2}
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no store" * 100])
+def test_no_store_or_none_that_can_be_read_is_nothing_committed(tmp_path: Path, content: bytes | None) -> None:
+    if content is not None:
+        (tmp_path / STORE).write_bytes(content)
+    held = copied_state(tmp_path, (20, 20))
+    assert held.version == 0 and not held.registers
 
 
 def test_backlog_and_events(live: LiveFilm, tmp_path: Path) -> None:
