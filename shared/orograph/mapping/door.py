@@ -95,7 +95,7 @@ def laser_height_m(points: npt.NDArray[Any], ranges_m: F64, x_m: float, y_m: flo
     middle = z - z.mean()
     candidates = [float(np.median(z + np.sqrt(np.maximum(left, 0.0))))]
     if middle.any():
-        candidates.append(float(-(middle @ (left - z**2)) / (2.0 * middle @ middle)))
+        candidates.append(float(-(middle * (left - z**2)).sum() / (2.0 * (middle * middle).sum())))
     off_m, height_m = min((float(np.median(np.abs(np.hypot(across_m, z - h) - ranges))), h) for h in candidates)
     return height_m if off_m < HEIGHT_OFF_M else math.nan
 
