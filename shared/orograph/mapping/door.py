@@ -100,12 +100,6 @@ def laser_height_m(points: npt.NDArray[Any], ranges_m: F64, x_m: float, y_m: flo
     return height_m if off_m < HEIGHT_OFF_M else math.nan
 
 
-def within(points: npt.NDArray[Any], extent_m: tuple[float, float, float, float]) -> Mask:
-    """Which points (n, 3) lie in a rectangle (x_min, y_min, x_max, y_max), half-open as cells are."""
-    x0, y0, x1, y1 = extent_m
-    return (points[:, 0] >= x0) & (points[:, 0] < x1) & (points[:, 1] >= y0) & (points[:, 1] < y1)
-
-
 def positive(name: str, value: float) -> float:
     """The number, finite and above 0; raises ValueError."""
     if not (math.isfinite(value) and value > 0):

@@ -18,7 +18,7 @@ from orograph.mapping.fine import FineBlocks
 from orograph.mapping.fusion_kernels import fuse_cells
 from orograph.mapping.rescaling_kernels import expand_blocks, mark_blocks, rescale_marked
 from orograph.mapping.rolling import roll_into
-from orograph.mapping.standing_kernels import clear_passed, fuse_scan, fuse_surfaces
+from orograph.mapping.standing_kernels import clear_passed, fuse_scan, fuse_surfaces, standing_cells
 from orograph.rules import RealRules
 
 
@@ -77,6 +77,11 @@ class Evidence:
         else:
             self._fuse_fine(cells, values, np.full(len(cells), tick, np.uint32), rules)
 
+    def standing_but(self, hit: Cells) -> Cells:
+        """Fine cells in which something stands, ascending, without those `hit` (k,)."""
+        cells: Cells = standing_cells(self.standing, hit)
+        return cells
+
     def clear_passed(self, cells: Cells, passes: I64, rules: RealRules) -> Cells:
         """Count the rays that passed (k,) against what stands in fine cells (k,); returns those that are free now."""
         freed: Cells = clear_passed(self.values, self.standing, cells, passes, rules.slope_max)
@@ -93,12 +98,6 @@ class Evidence:
             self.coarse_ticks,
         )  # fmt: skip
         return touched
-
-    def blocks_of(self, cells: Cells) -> Cells:
-        """The blocks of the window in which these fine cells lie, ascending."""
-        touched = np.zeros(self.blocks**2, np.bool_)
-        touched[self._block_of_cell[cells]] = True
-        return np.flatnonzero(touched)
 
     def put(self, glrm_cells: Cells, values: Values, ticks: Ticks) -> None:
         """Set GLRM cells (k,), and the fine cells of those under the window, to values (k, WIDTH) and ticks (k,)."""

@@ -20,12 +20,12 @@ from orograph.mapping.door import (
     checked_ranges,
     laser_height_m,
     positive,
-    within,
 )  # fmt: skip
 from orograph.mapping.evidence import Evidence
 from orograph.mapping.fusion import fuse, lay_over
 from orograph.mapping.occupancy import Codes, OccupancyView
 from orograph.mapping.reconstruction import DROP_REASONS, Reconstructor
+from orograph.mapping.reconstruction_kernels import count_beyond
 from orograph.mapping.rescaling import expand, rescale
 from orograph.mapping.seeing import Rays
 from orograph.mapping.seeing_kernels import BINS
@@ -130,12 +130,12 @@ class RobotMapper:
 
     def _count_outside_map(self, points: npt.NDArray[Any]) -> None:
         """Points in the HRM and beyond the GLRM are mapped as long as they are in sight, and lost to everybody else."""
-        window, whole = self._evidence.grid.extent_m, self._evidence.glrm.extent_m
         if self._evidence.kept is not None:
             return
+        window, whole = self._evidence.grid.extent_m, self._evidence.glrm.extent_m
         if window[0] >= whole[0] and window[1] >= whole[1] and window[2] <= whole[2] and window[3] <= whole[3]:
             return
-        self._outside_map += int((within(points, window) & ~within(points, whole)).sum())
+        self._outside_map += count_beyond(points.T, window, whole)
 
     def _raised(self, points: npt.NDArray[Any], eye_m: F64) -> U1:
         if not self._rules.two_surfaces or not _has_height(eye_m):
@@ -149,13 +149,11 @@ class RobotMapper:
         self._planning.show(tick, hit)
         if not _has_height(eye_m):
             return cells
-        standing = evidence.standing > 0
-        standing[hit] = False
-        stands = np.flatnonzero(standing)
+        stands, grid = evidence.standing_but(hit), evidence.grid
         tops_m = evidence.values[stands, HEIGHT_TOP] + np.float32(GRAZING_M)
-        passes = self._rays.passes(eye_m, evidence.grid, stands, tops_m, EVERYWHERE)
-        passes += self._silent.passes(eye_m, evidence.grid, stands, tops_m, self._rays.clear_m)
-        self._rays.free_unseen(evidence.values, evidence.blocks_of(hit), evidence.factor, evidence.grid, eye_m)
+        passes = self._rays.passes(eye_m, grid, stands, tops_m, EVERYWHERE)
+        passes += self._silent.passes(eye_m, grid, stands, tops_m, self._rays.clear_m)
+        self._rays.free_unseen(evidence.values, hit, evidence.factor, grid, eye_m)
         return np.concatenate([cells, evidence.clear_passed(stands, passes, self._fine_rules)])
 
     def adopt(self, row: Packed, fuse: bool) -> None:

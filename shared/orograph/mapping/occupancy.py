@@ -7,11 +7,10 @@ from collections import deque
 import numpy as np
 import numpy.typing as npt
 
-from orograph.arrays import I64
-from orograph.layers import OCCUPATION_ONE, UNKNOWN_OCCUPATION
+from orograph.layers import UNKNOWN_OCCUPATION
 from orograph.mapping.cells import Cells, Values
 from orograph.mapping.evidence import Evidence
-from orograph.mapping.occupancy_kernels import planning_codes
+from orograph.mapping.occupancy_kernels import bar_cells, planning_codes
 from orograph.mapping.rolling import roll_into
 from orograph.rules import RealRules
 
@@ -31,14 +30,12 @@ class OccupancyView:
         self._told: Codes = np.full((blocks, blocks), UNKNOWN_OCCUPATION, np.uint8)
         self._window: tuple[int, int] | None = None
         self._prior: Values | None = None
-        self._shown: deque[tuple[int, I64, I64]] = deque()
+        self._shown: deque[tuple[int, tuple[int, int], Cells]] = deque()
 
     def show(self, tick: int, cells: Cells) -> None:
         """A scan of `tick` [ms] shows that something stands in these fine cells: planning knows at once."""
         assert self._evidence.window is not None, "no scan yet"
-        row0, col0 = (self._evidence.factor * at for at in self._evidence.window)
-        rows, cols = np.divmod(cells, self._codes.shape[1])
-        self._shown.append((tick, rows + row0, cols + col0))
+        self._shown.append((tick, self._evidence.window, cells))
         while self._shown[0][0] <= tick - SHOWN_MS:
             self._shown.popleft()
 
@@ -58,11 +55,9 @@ class OccupancyView:
     def _with_shown(self, codes: Codes) -> Codes:
         """The instant layer: the last scans' obstacles, whatever the slow map holds there."""
         assert self._window is not None
-        side, (row0, col0) = len(codes), (self._evidence.factor * at for at in self._window)
-        for _, rows, cols in self._shown:
-            r, c = rows - row0, cols - col0
-            inside = (r >= 0) & (r < side) & (c >= 0) & (c < side)
-            codes[r[inside], c[inside]] = OCCUPATION_ONE
+        for _, (row, col), cells in self._shown:
+            moved = self._evidence.factor * (row - self._window[0]), self._evidence.factor * (col - self._window[1])
+            bar_cells(codes, cells, *moved)
         return codes
 
     def _roll_to(self, window: tuple[int, int]) -> None:

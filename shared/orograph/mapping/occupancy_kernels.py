@@ -65,3 +65,14 @@ def planning_codes(
                 elif known_too:
                     fused = fuse_pair(under, np.float64(under[CONFIDENCE]), own, np.float64(own[CONFIDENCE]), rules)
                     codes[r, c] = occupation_code(float(np.float32(fused[3])))
+
+
+@njit(cache=True)
+def bar_cells(codes: Any, cells: Any, rows: int, cols: int) -> None:
+    """Bar in `codes` (side, side) these cells (k,) of a window that has moved by as many rows and cols, in place."""
+    side = codes.shape[0]
+    for i in range(cells.shape[0]):
+        row = cells[i] // side
+        r, c = row + rows, cells[i] - row * side + cols
+        if 0 <= r < side and 0 <= c < side:
+            codes[r, c] = BARRED

@@ -78,6 +78,21 @@ def count_dropped(xyz: Any, ranges_m: Any, range_max_m: float, cell_of_point: An
 
 
 @njit(cache=True)
+def within(x: float, y: float, extent_m: Any) -> bool:
+    """Whether a point lies in a rectangle (x_min, y_min, x_max, y_max), half-open as cells are."""
+    return bool((x >= extent_m[0]) & (y >= extent_m[1]) & (x < extent_m[2]) & (y < extent_m[3]))
+
+
+@njit(cache=True)
+def count_beyond(xyz: Any, window_m: Any, map_m: Any) -> int:
+    """How many of xyz (3, n) lie in a window, but not in the map (x_min, y_min, x_max, y_max)."""
+    xs, ys, count = xyz[0], xyz[1], np.int64(0)
+    for i in range(xs.shape[0]):
+        count += np.int64(within(xs[i], ys[i], window_m) & (not within(xs[i], ys[i], map_m)))
+    return int(count)
+
+
+@njit(cache=True)
 def fill_slots(zs: Any, w: Any) -> int:
     """Number the touched cells as slots; count each slot's points and sum their z."""
     slot_of_cell, cell_of_slot, slot_of_point = w.slot_of_cell, w.cell_of_slot, w.slot_of_point

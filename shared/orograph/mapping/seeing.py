@@ -5,18 +5,27 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from orograph.arrays import F32, F64, I64, U1
 from orograph.grid import Grid
 from orograph.mapping.cells import Cells, Values
-from orograph.mapping.seeing_kernels import BEYOND, BINS, count_passes, find_raised, free_unseen, sort_rays
+from orograph.mapping.seeing_kernels import (  # fmt: skip
+    BEYOND,
+    BINS,
+    aim_rays,
+    count_passes,
+    find_raised,
+    free_unseen,
+    sort_rays,
+)
 
 
 class Rays:
     """One scan's rays sorted by direction, with their memory kept from scan to scan."""
 
     def __init__(self) -> None:
-        self._first: I64 = np.zeros(BINS + 1, np.int64)
+        self._first: npt.NDArray[np.uint64] = np.zeros(BINS + 2, np.uint64)
         self._low_m: F64 = np.zeros(BINS)
         self._far_m: F64 = np.zeros(BINS)
         self.clear_m: F64 = np.full(BINS, math.inf)
@@ -24,17 +33,22 @@ class Rays:
         self._sized(0)
 
     def _sized(self, points: int) -> None:
-        self._order: I64 = np.empty(points, np.int64)
+        self._bins: npt.NDArray[np.uint32] = np.empty(points, np.uint32)
+        self._aimed: F64 = np.empty((3, points))
+        self._order: npt.NDArray[np.uint32] = np.empty(points, np.uint32)
         self._reach_m: F64 = np.empty(points)
         self._rise: F64 = np.empty(points)
         self._raised: U1 = np.zeros(points, np.uint8)
 
     def sort(self, xyz: F64, eye_m: F64, cell_m: float, rise_max: float = math.inf) -> None:
         """Take a scan's points (3, n) seen from `eye_m` (3,), those of rays that rise by no more than `rise_max`."""
-        if xyz.shape[1] > len(self._order):
-            self._sized(xyz.shape[1])
+        n = xyz.shape[1]
+        if n > len(self._order):
+            self._sized(n)
+        bins, (flat_m, up, clear_m) = self._bins[:n], self._aimed[:, :n]
+        aim_rays(xyz, eye_m, BEYOND * cell_m, rise_max, bins, flat_m, up, clear_m)
         rays = self._order, self._reach_m, self._rise
-        sort_rays(xyz, eye_m, BEYOND * cell_m, rise_max, self._first, *rays, self._low_m, self._far_m)
+        sort_rays(bins, flat_m, up, clear_m, self._first, *rays, self._low_m, self._far_m)
 
     def raised(self, points: int, steepest: float) -> U1:
         """Whether each of the sorted points (n,) is ground, raised or unclear (`seeing_kernels`).
@@ -53,7 +67,7 @@ class Rays:
         count_passes(cells, tops_m, *place, eye_m, *rays, clear_m, passes)
         return passes
 
-    def free_unseen(self, values: Values, blocks: Cells, factor: int, grid: Grid, eye_m: F64) -> None:
-        """Free those fine cells of `blocks` (k,) of which nothing is known and over which rays go on, in place."""
+    def free_unseen(self, values: Values, hit: Cells, factor: int, grid: Grid, eye_m: F64) -> None:
+        """In the blocks of cells `hit` (k,), free those of which nothing is known and over which rays go on."""
         place = (grid.cols // factor, factor, *grid.origin_m, grid.cell_m)
-        free_unseen(values, blocks, *place, eye_m, self._low_m)
+        free_unseen(values, hit, *place, eye_m, self._low_m)

@@ -28,6 +28,7 @@ from orograph.mapping.surface_kernels import FLAT, NEITHER, STEP
 
 MISSED_BY_RAY = 0.2
 MOST = 5.0
+RUN = 256
 
 
 @njit(cache=True)
@@ -85,6 +86,28 @@ def fuse_scan(
             standing[cell] = max(standing[cell] - 1.0, -MOST)
         if kinds[i] != NEITHER or (standing[cell] <= 0.0 and held[CONFIDENCE] > 0.0):
             settle(held, standing[cell], rules.slope_max)
+
+
+@njit(cache=True)
+def standing_cells(standing: Any, hit: Any) -> Any:
+    """Cells in which something stands, ascending, but for those just `hit` (k,).
+
+    Most stand nowhere: whole runs of them are passed over by their signs, as whole numbers, many at once.
+    """
+    found, n = np.empty(standing.shape[0] + 1, np.int64), np.uint64(0)
+    counts = standing[hit]
+    standing[hit] = 0.0
+    signs = standing.view(np.int32)
+    for begin in range(0, standing.shape[0], RUN):
+        run, most = signs[begin : begin + RUN], np.int32(0)
+        for i in range(run.shape[0]):
+            most = max(most, run[i])
+        if most > 0:
+            for i in range(run.shape[0]):
+                found[n] = begin + i
+                n += np.uint64(run[i] > 0)
+    standing[hit] = counts
+    return found[:n]
 
 
 @njit(cache=True)

@@ -19,7 +19,8 @@ from orograph.mapping.mapper import EVERYWHERE
 from orograph.mapping.reconstruction import Reconstructor
 from orograph.mapping.rescaling_kernels import rescale_block
 from orograph.mapping.seeing import Rays
-from orograph.mapping.seeing_kernels import BINS, GROUND, RAISED, UNCLEAR, direction, sort_rays
+from orograph.mapping.seeing_kernels import BINS, GROUND, RAISED, UNCLEAR, direction
+from orograph.mapping.standing_kernels import standing_cells
 from orograph.mapping.surface_kernels import FLAT, NEITHER, STEP
 from orograph.messages import RANGE_UNIT_M
 from orograph.registers import pack
@@ -225,13 +226,13 @@ def test_rays_are_sorted_the_same_in_whatever_order_a_laser_gives_its_rings(ring
     points = np.stack([reach_m * np.cos(azimuth), reach_m * np.sin(azimuth), reach_m * elevation], axis=-1)
     points = (points[::-1] if rings == "uppermost first" else points).reshape(-1, 3)
     points = rng.permutation(points) if rings == "in any order" else points
-    n, first = len(points), np.zeros(BINS + 1, np.int64)
-    order, reach, rise, low_m, far_m = np.empty(n, np.int64), np.empty(n), np.empty(n), np.empty(BINS), np.empty(BINS)
-    sort_rays(np.ascontiguousarray(points.T), np.zeros(3), 0.5, 2.0, first, order, reach, rise, low_m, far_m)
+    n, rays = len(points), Rays()
+    rays.sort(np.ascontiguousarray(points.T), np.zeros(3), 0.5, 2.0)
     up = points[:, 2] / np.sqrt(points[:, 0] * points[:, 0] + points[:, 1] * points[:, 1])
     bins = np.array([int(direction(x, y) * BINS / 4) % BINS for x, y, _ in points.tolist()])
+    order = rays._order
     assert order.tolist() == np.lexsort((np.arange(n), up, bins)).tolist()
-    assert first[-1] == n and np.array_equal(rise, up[order])
+    assert rays._first[BINS] == n and np.array_equal(rays._rise, up[order])
 
 
 @settings(max_examples=100, deadline=None)
@@ -272,3 +273,15 @@ def test_what_is_raised_lies_upright_or_higher_than_a_slope_leads():
         rays, points = Rays(), np.array([(d, 0.001, z) for d, z in ground + extra])
         rays.sort(np.ascontiguousarray(points.T), eye, 0.5)
         assert rays.raised(len(points), 0.6).tolist() == [GROUND] * 3 + wanted
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 700))
+def test_what_stands_is_listed_but_for_what_was_hit(seed, cells):
+    random = np.random.default_rng(seed)
+    standing = np.where(random.random(cells) < 0.1, random.normal(0, 2, cells), 0).astype(np.float32)
+    hit = np.flatnonzero(random.random(cells) < 0.2)
+    held = standing.copy()
+    wanted = [c for c in range(cells) if held[c] > 0 and c not in set(hit.tolist())]
+    assert standing_cells(standing, hit).tolist() == wanted
+    assert np.array_equal(standing, held)
