@@ -20,6 +20,7 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.add_argument("--to", required=True, metavar="FORMAT,...", help=", ".join(FORMATS))
     parser.add_argument("--map", metavar="NAME", help="another map of the folder, for instance hrm_robot_001 "
                         "(default: glrm, or map)")  # fmt: skip
+    parser.add_argument("--every", metavar="10s", help="a run's global map at many times instead of its last")
     parser.add_argument("--crs", default="", help="the map frame on Earth, where the folder does not say or is wrong")
     parser.add_argument("--out", type=Path, metavar="DIR", help="where to (default: FOLDER/export)")
     parser.set_defaults(main=main)
@@ -34,13 +35,28 @@ def main(args: argparse.Namespace) -> int:
     try:
         from orograph.exporters.chart import known_crs
         from orograph.exporters.formats import export
-        from orograph.launch.charted import chart_of
+        from orograph.launch.charted import chart_of, course_of
 
-        name, chart = chart_of(args.folder, args.map, args.crs)
-        if chart.crs:
-            known_crs(chart.crs)
-        for path in export(chart, name, formats, args.out or args.folder / "export"):
+        if args.every is not None:
+            name, charts = course_of(args.folder, seconds(args.every), args.crs)
+        else:
+            name, chart = chart_of(args.folder, args.map, args.crs)
+            charts = [chart]
+        if charts[0].crs:
+            known_crs(charts[0].crs)
+        for path in export(charts, name, formats, args.out or args.folder / "export"):
             print(path)
     except ImportError as error:
         raise InputError(f"{error}; pip install 'orograph[export]'") from None
     return 0
+
+
+def seconds(text: str) -> float:
+    """`10s` or `10` as a number; raises InputError."""
+    try:
+        value = float(text.removesuffix("s"))
+    except ValueError:
+        value = 0.0
+    if not 0.1 <= value < 1e6:
+        raise InputError(f"--every {text}: expected seconds, for instance 10s")
+    return value

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,35 +22,36 @@ DEFINITIONS = {
 """Of messages that do not come with ROS itself."""
 
 
-def write_folder(path: Path, chart: Chart) -> None:
-    """A bag as ROS 2 records it: a folder with its metadata."""
+def write_folder(path: Path, charts: Sequence[Chart]) -> None:
+    """A bag as ROS 2 records it: a folder with its metadata, the map at each of its times."""
     from rosbags.rosbag2 import StoragePlugin
 
-    _write(path, chart, StoragePlugin.SQLITE3)
+    _write(path, charts, StoragePlugin.SQLITE3)
 
 
-def write_mcap(path: Path, chart: Chart) -> None:
+def write_mcap(path: Path, charts: Sequence[Chart]) -> None:
     """The same as one MCAP file."""
     from rosbags.rosbag2 import StoragePlugin
 
     with tempfile.TemporaryDirectory(dir=path.parent) as scratch:
         folder = Path(scratch) / path.stem
-        _write(folder, chart, StoragePlugin.MCAP)
+        _write(folder, charts, StoragePlugin.MCAP)
         next(folder.glob("*.mcap")).rename(path)
 
 
-def _write(folder: Path, chart: Chart, plugin: Any) -> None:
+def _write(folder: Path, charts: Sequence[Chart], plugin: Any) -> None:
     from rosbags.rosbag2 import Writer
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     for name, text in DEFINITIONS.items():
         store.register(get_types_from_msg(text, name))
-    messages = {GRID_MAP: grid_map(store, chart), OCCUPANCY_GRID: occupancy_grid(store, chart)}
+    made = {GRID_MAP: grid_map, OCCUPANCY_GRID: occupancy_grid}
     with Writer(folder, version=8, storage_plugin=plugin) as writer:
-        for topic, kind in TOPICS.items():
-            connection = writer.add_connection(topic, kind, typestore=store)
-            writer.write(connection, chart.stamp_ns, store.serialize_cdr(messages[kind], kind))
+        connections = {kind: writer.add_connection(topic, kind, typestore=store) for topic, kind in TOPICS.items()}
+        for chart in charts:
+            for kind, connection in connections.items():
+                writer.write(connection, chart.stamp_ns, store.serialize_cdr(made[kind](store, chart), kind))
 
 
 def grid_map(store: Any, chart: Chart) -> Any:

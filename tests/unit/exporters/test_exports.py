@@ -40,7 +40,7 @@ def chart() -> Chart:
 
 
 def written(chart: Chart, form: str, out: Path) -> list[Path]:
-    return list(export(chart, "glrm", [form], out))
+    return list(export([chart], "glrm", [form], out))
 
 
 def expected(chart: Chart, name: str) -> np.ndarray:
@@ -226,24 +226,24 @@ def test_mcap_by_another_library_and_the_folder_alike(chart: Chart, tmp_path: Pa
 
 
 def test_all_of_it_again_in_place_of_what_was_there(chart: Chart, tmp_path: Path) -> None:
-    first = list(export(chart, "glrm", FORMATS, tmp_path))
-    assert list(export(chart, "glrm", FORMATS, tmp_path)) == first
+    first = list(export([chart], "glrm", FORMATS, tmp_path))
+    assert list(export([chart], "glrm", FORMATS, tmp_path)) == first
     assert sorted(tmp_path.iterdir()) == sorted(first) and len(first) == len(FORMATS) + 1
 
 
 def test_a_map_of_nothing_is_told_so(tmp_path: Path) -> None:
     nothing = Chart(CellMap.unknown(Grid((0.0, 0.0), 5.0, (4, 4))))
     flat = [form for form in FORMATS if form not in ("ply", "glb")]
-    assert len(list(export(nothing, "glrm", flat, tmp_path))) == len(flat) + 1
+    assert len(list(export([nothing], "glrm", flat, tmp_path))) == len(flat) + 1
     with pytest.raises(InputError, match="no cell of the map has a height"):
-        list(export(nothing, "glrm", ["glb"], tmp_path))
+        list(export([nothing], "glrm", ["glb"], tmp_path))
 
 
 def test_unknown_frames_and_places_that_cannot_be_written(chart: Chart, tmp_path: Path) -> None:
     lost = Chart(chart.cells, "EPSG:99999999")
     with pytest.raises(InputError, match="crs EPSG:99999999: unknown to PROJ"):
-        list(export(lost, "glrm", ["geotiff"], tmp_path))
+        list(export([lost], "glrm", ["geotiff"], tmp_path))
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="cannot be written"):
-        list(export(chart, "glrm", ["npz"], tmp_path / "file"))
+        list(export([chart], "glrm", ["npz"], tmp_path / "file"))
