@@ -25,16 +25,16 @@ from orograph.rules import RealRules
 class Evidence:
     """Fine values (HRM, rolling) and coarse values (one GLRM) with the tick [ms] of each cell's newest scan."""
 
-    def __init__(self, glrm: Grid, hrm_cells: int, per_glrm_cell: int, keep_fine: bool = False) -> None:
+    def __init__(self, glrm: Grid, hrm_cells: int, per_glrm_cell: int, fine_kept: float = 0) -> None:
         """The window is placed by the first `roll_to`; `hrm_cells` is a multiple of `per_glrm_cell`.
 
-        With `keep_fine`, what rolls out comes back whole.
+        The `fine_kept` blocks that rolled out last come back whole.
         """
         assert hrm_cells % per_glrm_cell == 0, (hrm_cells, per_glrm_cell)
         self.glrm, self.factor = glrm, per_glrm_cell
         self.blocks = hrm_cells // per_glrm_cell
         """Blocks on a side of the window."""
-        self.kept = FineBlocks(self.blocks, per_glrm_cell) if keep_fine else None
+        self.kept = FineBlocks(self.blocks, per_glrm_cell, fine_kept) if fine_kept else None
         self.coarse, self.coarse_ticks = unknown_values(glrm.size), np.zeros(glrm.size, np.uint32)
         self.values, self.ticks = unknown_values(hrm_cells**2), np.zeros(hrm_cells**2, np.uint32)
         self.window: tuple[int, int] | None = None
@@ -111,6 +111,8 @@ class Evidence:
         away = ~within
         fuse_far = fuse_surfaces if coarse.two_surfaces else fuse_cells
         fuse_far(self.coarse, self.coarse_ticks, glrm_cells[away], values[away], ticks[away], coarse)
+        if self.kept is not None:
+            self.kept.forget(zip(*np.divmod(glrm_cells[away], self.glrm.cols), strict=True))
         if not within.any():
             return
         cells = self._fine_cells(blocks[within])

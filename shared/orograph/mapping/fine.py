@@ -1,6 +1,8 @@
-"""Fine blocks that rolled out of the window, kept whole; memory grows with the area that was seen."""
+"""Fine blocks that rolled out of the window, kept whole; memory grows with the area that was seen, up to a bound."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +20,9 @@ Fine = tuple[Values, Ticks, F32]
 class FineBlocks:
     """Blocks of `factor` x `factor` fine cells by their (row, col) in GLRM cells, on the GLRM or off it."""
 
-    def __init__(self, blocks: int, factor: int) -> None:
-        """The window has `blocks` x `blocks` of them."""
-        self._blocks, self._factor = blocks, factor
+    def __init__(self, blocks: int, factor: int, most: float) -> None:
+        """The window has `blocks` x `blocks` of them; of more than `most` those kept longest ago are forgotten."""
+        self._blocks, self._factor, self._most = blocks, factor, most
         self._kept: dict[Window, Fine] = {}
 
     def keep(self, fine: Fine, window: Window, leaving: Mask) -> None:
@@ -29,7 +31,16 @@ class FineBlocks:
         told = (values[..., [CONFIDENCE, CONFIDENCE_TOP, FREE_SHARE]] > 0).any(axis=(1, 3, 4))
         for row, col in np.argwhere(leaving & told).tolist():
             block = values[row, :, col].copy(), ticks[row, :, col].copy(), standing[row, :, col].copy()
-            self._kept[window[0] + row, window[1] + col] = block
+            place = window[0] + row, window[1] + col
+            self._kept.pop(place, None)
+            self._kept[place] = block
+        while len(self._kept) > self._most:
+            del self._kept[next(iter(self._kept))]
+
+    def forget(self, places: Iterable[Window]) -> None:
+        """Keep the blocks of these (row, col) no longer."""
+        for place in places:
+            self._kept.pop(place, None)
 
     def put_back(self, fine: Fine, window: Window, entered: Mask) -> None:
         """Set those blocks that `entered` (blocks, blocks) the window and are kept, in place."""

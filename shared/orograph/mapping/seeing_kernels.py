@@ -36,6 +36,8 @@ FOOT_M = 0.15
 GROUND, RAISED, UNCLEAR = 0, 1, 2
 GAP_M, UNLIKE = 2.0, 0.15
 """Over a wider gap ground that rises by so much more per metre than before is taken for neither."""
+GAP_MAX_M = 15.0
+"""Over a wider gap nothing is ground: a wall that begins lower than the robot stands looks like it."""
 NOISE_M = 0.05
 """Points less than this above each other are noise, not steepness."""
 
@@ -118,8 +120,7 @@ def find_raised(
     `clear_m` (BINS,) becomes the reach of the nearest raised one of each direction.
 
     Raised: they lie one above the other on something steep, or over the ray to the last ground, or higher than a slope
-    of `steepest` leads from there. Unclear: ground that leads there would be unlike what was seen of it, over a gap in
-    which nothing was seen.
+    of `steepest` leads from there. Unclear: after a gap in which nothing was seen they may be either.
     """
     raised[:] = GROUND
     for b in range(BINS):
@@ -136,12 +137,18 @@ def find_raised(
             if up or (upright and over_m > BEHIND * away_m + FOOT_M):
                 raised[order[place]], slope = RAISED, BEHIND
                 clear = min(clear, reach)
-            elif (away_m > GAP_M and over_m > (trend + UNLIKE) * away_m) or (upright and over_m > FOOT_M):
+            elif unlike(over_m, away_m, trend) or (upright and over_m > FOOT_M):
                 raised[order[place]] = UNCLEAR
             else:
                 trend = max(over_m / away_m, 0.0) if away_m > FOOT_M else trend
                 ground_m, ground_z_m = reach, z
         clear_m[b] = clear
+
+
+@njit(cache=True)
+def unlike(over_m: float, away_m: float, trend: float) -> bool:
+    """Whether ground that leads there would be unlike what was seen of it, or nothing was seen of it for long."""
+    return away_m > GAP_MAX_M or (away_m > GAP_M and over_m > (trend + UNLIKE) * away_m)
 
 
 @njit(cache=True)

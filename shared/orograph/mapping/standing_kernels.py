@@ -168,7 +168,8 @@ def lay_over(under: Any, own: Any, rules: Any, out: Any) -> None:
     if own[WALL_SHARE] > 0.0 or own[FREE_SHARE] > 0.0:
         if math.isnan(own[OCCUPATION]):
             gx, gy = np.float64(out[GRADIENT_X]), np.float64(out[GRADIENT_Y])
-            out[OCCUPATION] = min(1.0, math.sqrt(gx * gx + gy * gy) / rules.slope_max)
+            share = math.sqrt(gx * gx + gy * gy) / rules.slope_max
+            out[OCCUPATION] = 0.0 if math.isnan(share) else min(1.0, share)  # flat, without a slope
         return
     out[HEIGHT_TOP], out[CONFIDENCE_TOP] = under[HEIGHT_TOP], under[CONFIDENCE_TOP]
     out[WALL_SHARE], out[FREE_SHARE], out[OCCUPATION] = under[WALL_SHARE], under[FREE_SHARE], under[OCCUPATION]

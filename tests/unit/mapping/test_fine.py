@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from orograph.grid import Grid
 from orograph.mapping import RobotMapper
-from orograph.rules import NAMED
+from orograph.rules import NAMED, SURFACE
 
 CELL_M, BLOCK = 0.5, 10
 
@@ -38,6 +38,20 @@ def test_a_small_window_maps_what_a_large_one_does(rules: str) -> None:
     for name, layer in small.layers():
         cut = dict(large.layers())[name][row : row + small.grid.rows, col : col + small.grid.cols]
         assert np.allclose(layer, cut, rtol=0, atol=1e-5, equal_nan=True), name
+
+
+@pytest.mark.parametrize(("most", "whole"), [(20_000, True), (3, False)])
+def test_a_robot_finds_what_it_left_as_fine_as_it_was(most: int, whole: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sixty metres away and back: the wall's own cells, not its block's mean; unless too much was seen meanwhile."""
+    monkeypatch.setattr("orograph.mapping.mapper.FINE_KEPT", most)
+    robot, seen = RobotMapper(Grid((0.0, 0.0), 5.0, (8, 40)), 60, 10, SURFACE, 20.0), []
+    for i, x_m in enumerate([20.0, 20.0, 50.0, 80.0, 50.0, 20.0]):
+        y, z = (axis.ravel() for axis in np.meshgrid(np.arange(16, 24, 0.1), np.arange(0.05, 3, 0.1)))
+        points = np.column_stack([np.full(y.size, x_m + 6.2), y, z]) if i != 5 else np.zeros((0, 3))
+        eye_m = np.array([x_m, 20.0, 1.0])
+        robot.step(points, np.linalg.norm(points - eye_m, axis=1), eye_m, i * 400_000_000)
+        seen.append(robot.evidence.by_name["wall_share"])
+    assert np.array_equal(seen[1], seen[5]) == whole
 
 
 def test_utm_keeps_its_millimetres() -> None:

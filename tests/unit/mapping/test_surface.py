@@ -13,7 +13,7 @@ from orograph.geometry import ray_directions
 from orograph.grid import Grid
 from orograph.layers import CONFIDENCE, CONFIDENCE_TOP, FREE_SHARE, HEIGHT, HEIGHT_TOP, KINDS, OCCUPATION, WALL_SHARE
 from orograph.mapping import RobotMapper
-from orograph.mapping.cells import unknown_values
+from orograph.mapping.cells import map_of, unknown_values
 from orograph.mapping.door import laser_height_m
 from orograph.mapping.mapper import EVERYWHERE
 from orograph.mapping.reconstruction import Reconstructor
@@ -182,6 +182,14 @@ def test_a_row_comes_back_unchanged_and_its_walls_wait_for_a_first_look():
         np.testing.assert_array_equal(robot.registers(), row)
 
 
+def test_what_was_seen_flat_is_free_over_a_prior_that_has_a_house_there():
+    robot, house = mapper(), unknown_values(GLRM.size)
+    house[:, [HEIGHT, CONFIDENCE, OCCUPATION, WALL_SHARE]] = 0.0, 32.0, 1.0, 1.0
+    robot.step(np.array([[26.2, 20.2, 0.0]]), np.array([6.3]), EYE, 0)
+    occupation = robot.hrm(map_of(house, GLRM)).occupation
+    assert np.argwhere(occupation < 1.0).tolist() == [list(robot.hrm_grid.row_col(26.2, 20.2))]
+
+
 def test_rules_of_one_surface_know_nothing_of_what_stands():
     robot = mapper(GATED)
     see(robot, np.vstack([disc(), wall(26.2, 3.0)]), 0)
@@ -268,7 +276,9 @@ def test_what_is_raised_lies_upright_or_higher_than_a_slope_leads():
         (face, [RAISED] * 3),
         (hill, [GROUND]),
         (face + roof, [RAISED] * 4),
-        ([(30.0, 4.5)], [UNCLEAR]),
+        ([(22.0, 2.5)], [UNCLEAR]),
+        ([(24.0, 0.1)], [UNCLEAR]),
+        ([(22.0, 0.1)], [GROUND]),
     ):
         rays, points = Rays(), np.array([(d, 0.001, z) for d, z in ground + extra])
         rays.sort(np.ascontiguousarray(points.T), eye, 0.5)
