@@ -33,7 +33,7 @@ class LayerKind:
     unit: str
     blank: float = math.nan
     wire: str = ""
-    """Type of the whole number in a register; empty for the layers that the scenario gives."""
+    """Type of the whole number in a register; empty for what the scenario gives, or the map manager keeps beside it."""
     step: float = 1.0
     """What one of these whole numbers stands for [unit]."""
     lowest: int = 0
@@ -81,6 +81,7 @@ TABLE: Final = (
         "free_share", "0..1", 0.0, wire="u1", step=1 / SHARE_ONE, highest=SHARE_ONE, moved=0.1 * SHARE_ONE,
         fused="mean", basic=False,
     ),
+    LayerKind("changed_at", "s of simulation time", fused="kept beside the map", basic=False),
 )  # fmt: skip
 
 

@@ -192,7 +192,8 @@ def made_up(scenario: Scenario) -> RunParts:
     first = np.where(glrm["confidence"] >= 64, np.random.default_rng(3).integers(1, LENGTH_S, grid.size) * 10**9, -1)
     nodes: dict[str, Any] = {
         keys.WORLD: world_artifacts(scenario, scene), **mapping, keys.ORCHESTRATOR: orchestrator_artifacts(scenario),
-        keys.MANAGER: {"glrm": glrm, "registers": np.concatenate(held), "prior": prior, "first_confident_ns": first},
+        keys.MANAGER: {"glrm": glrm, "registers": np.concatenate(held), "prior": prior, "first_confident_ns": first,
+                       "changed_ms": np.where(np.arange(grid.size) == 3 * grid.cols + 4, 30_500, -1)},
     }  # fmt: skip
     for i, robot in enumerate(robots):
         nodes[keys.node(keys.LASER, robot)] = laser_artifacts(scenario, scene, i)
@@ -209,6 +210,8 @@ def made_up(scenario: Scenario) -> RunParts:
             (58, "orchestrator", None, "phase"),
         )
     ]  # fmt: skip
+    changed = {"cell": 3 * grid.cols + 4, "since_ms": 30_500, "from_top_m": None, "to_top_m": 9.75}
+    events.insert(4, {"stamp_ns": 36 * 10**9, "service": keys.MANAGER, "robot": None, "event": "changed", **changed})
     result = WorldResult(sim_time_s=LENGTH_S, wall_time_s=7.5, complete=True, copies_equal=True, deterministic=True)
     machine = Machine(
         processor="Made-up <CPU> 2.0 GHz", cores=2, memory_bytes=8 * 1024**3, system="Linux 6.1, x86_64",
@@ -235,7 +238,7 @@ def made_up_summary(robots: int) -> Summary:
     return Summary(
         scenario="city", seed=1, robots=robots, robots_gone=(), robots_revoked=(), mode="lockstep",
         runner="in-process", commit="0123",
-        complete=True, waypoints=4, waypoints_missed=(), contacts=(), deterministic=True,
+        complete=True, waypoints=4, waypoints_missed=(), contacts=(), surface_changes=(), deterministic=True,
         sim_time_s=460.0, wall_time_s=46.0, rtf=10.0, glrm_hash="ab",
         copies_hash_equal=True, glrm_is_own_fold=True, coverage=0.97, observable_cells=9, mapping_time_s={95: 300.0},
         stages_ms={}, bytes_up_per_robot_s=1500.0, bytes_down_per_robot_s=3000.0, cells_acked=9, cells_lost=0,

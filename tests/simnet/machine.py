@@ -24,7 +24,7 @@ class Machine:
         self.name, self._start, self._after = name, start, after
         self.node: Node | None = None
         self.lives = 0
-        self._starts_at, self._hangs_until = begins, 0
+        self._starts_at, self.hangs_until = begins, 0
         self._missed: list[Envelope] = []
 
     def kill(self, frame: int, frames: int) -> None:
@@ -32,14 +32,14 @@ class Machine:
         self._starts_at = max(self._starts_at, frame + frames)
 
     def hang(self, frame: int, frames: int) -> None:
-        self._hangs_until = frame + frames
+        self.hangs_until = frame + frames
 
     def mend(self) -> None:
         """Nothing keeps it from running any more."""
-        self._starts_at = self._hangs_until = 0
+        self._starts_at = self.hangs_until = 0
 
     def step(self, frame: Frame, inbox: Sequence[Envelope], send: Send, note: Note) -> None:
-        if self.node is not None and frame.index < self._hangs_until:
+        if self.node is not None and frame.index < self.hangs_until:
             self._missed += inbox
             return
         if self.node is None:

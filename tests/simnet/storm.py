@@ -265,7 +265,8 @@ class Storm:
             self.network.carry(frame, [replace(old, frame=frame)])
         if self._draws.random() < 0.05 and all(node._sync.copy.manager_epoch for _, node in self._living()):
             self.network.carry(frame, [self._forged(frame)])
-        manager, ails = self._manager.node, self._store.full or self._store.fail_next
+        manager, hangs = self._manager.node, frame < self._manager.hangs_until
+        ails = hangs or self._store.full or self._store.fail_next
         if self._rng.random() < 0.1 and isinstance(manager, MapManagerNode) and not ails:
             self._send_rubbish(frame, manager)
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from orograph import keys
+from orograph.grid import Grid
 from orograph.judge import invariants
 from orograph.messages import ROBOT_REGISTER, UPDATE, Packed
 from orograph.protocol.fold import fold_registers, whole_prior
@@ -16,7 +17,7 @@ from orograph.protocol.tiles import map_hash
 from orograph.registers import has_evidence
 from orograph.rules import Rules
 from orograph.storage.parts import RunParts
-from orograph.storage.results import Contact
+from orograph.storage.results import Contact, SurfaceChange
 
 
 @dataclass(frozen=True)
@@ -124,6 +125,21 @@ def contacts(parts: RunParts) -> tuple[Contact, ...]:
     """Collisions of robots, in the order of their ends."""
     named = Contact.model_fields
     return tuple(Contact(**{k: event[k] for k in named}) for event in parts.events if event.get("event") == "contact")
+
+
+def surface_changes(parts: RunParts) -> tuple[SurfaceChange, ...]:
+    """What the map manager saw change, in the order of its telling."""
+    told = (event for event in parts.events if event.get("event") == "changed")
+    return tuple(_surface_change(parts.glrm_grid, event) for event in told)
+
+
+def _surface_change(grid: Grid, event: Mapping[str, Any]) -> SurfaceChange:
+    row, col = divmod(int(event["cell"]), grid.cols)
+    x_m, y_m = grid.centre_m(row, col)
+    return SurfaceChange(
+        row=row, col=col, x_m=x_m, y_m=y_m, since_s=event["since_ms"] / 1e3, told_s=event["stamp_ns"] / 1e9,
+        from_top_m=event["from_top_m"], to_top_m=event["to_top_m"],
+    )  # fmt: skip
 
 
 def _complete(parts: RunParts) -> Check:

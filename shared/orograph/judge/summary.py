@@ -11,7 +11,16 @@ import numpy as np
 from orograph import keys
 from orograph.arrays import I64, Mask
 from orograph.grid import Grid
-from orograph.judge.checks import Checks, Ledger, checks, contacts, lost_cells, read_ledger, waypoints_missed
+from orograph.judge.checks import (
+    Checks,
+    Ledger,
+    checks,
+    contacts,
+    lost_cells,
+    read_ledger,
+    surface_changes,
+    waypoints_missed,
+)
 from orograph.judge.improvement import BeforeAfter, improvement, prior_over
 from orograph.judge.map_truth import NEAR_GLRM, NEAR_HRM, PLACES_GLRM, PLACES_HRM, MapTruth, true_map
 from orograph.judge.reference import Reference
@@ -85,6 +94,7 @@ def judge(parts: RunParts, reference: Reference) -> Verdict:
     records = prior_records(parts.scenario)
     prior = unpack(records, parts.glrm_grid, *given)
     glrm = prior if ledger.glrm is None else unpack(ledger.glrm, parts.glrm_grid, *given)
+    glrm = _with_changed_at(glrm, parts)
     truth = true_map(scene, glrm.grid, PLACES_GLRM, NEAR_GLRM)
     whole = BeforeAfter(prior, glrm, truth, _held(ledger, glrm.grid))
     local = [
@@ -105,6 +115,15 @@ def judge(parts: RunParts, reference: Reference) -> Verdict:
         glrm=glrm, prior=prior, scene=scene, reference=reference, surface=_surface(truth), checks=promises,
         tracks=ways, radio=radio, summary=summary, sentence=sentence(parts, summary),
     )  # fmt: skip
+
+
+def _with_changed_at(glrm: CellMap, parts: RunParts) -> CellMap:
+    """The map with the layer `changed_at`, where anything changed."""
+    changed_ms = parts.of(keys.MANAGER).get("changed_ms", np.zeros(0, np.int64))
+    if not (changed_ms >= 0).any():
+        return glrm
+    changed_s = np.where(changed_ms >= 0, changed_ms / 1e3, np.nan).astype(np.float32).reshape(glrm.grid.shape)
+    return CellMap(glrm.grid, {**glrm.by_name, "changed_at": changed_s})
 
 
 def _held(ledger: Ledger, grid: Grid) -> Mask:
@@ -146,6 +165,7 @@ def _summary(
         waypoints=len(parts.scenario.patrol),
         waypoints_missed=waypoints_missed(parts),
         contacts=contacts(parts),
+        surface_changes=surface_changes(parts),
         deterministic=bool(promises.deterministic.ok),
         sim_time_s=run.sim_time_s,
         wall_time_s=run.wall_time_s,

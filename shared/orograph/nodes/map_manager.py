@@ -92,8 +92,8 @@ class MapManagerNode:
     def artifacts(self) -> Mapping[str, npt.NDArray[Any]]:
         """Final `glrm` (CELL), `prior` (UPDATE), `registers` (ROBOT_REGISTER), first confident, coverage, acks.
 
-        `revoked` are numbers of robots; `changes` (n,) CHANGE what of the map changed, second by second since this
-        manager started.
+        `revoked` are numbers of robots; `changed_ms` (cells,) when a surface last changed, -1 for never; `changes` (n,)
+        CHANGE what of the map changed, second by second since this manager started.
         """
         self._keep(self._now_ns)
         return {
@@ -107,5 +107,6 @@ class MapManagerNode:
             "glrm_hash": np.frombuffer(self._sync.hash(), np.uint8),
             "version": np.array(self._sync.version, np.int64),
             "revoked": self._revoked_numbers(),
+            "changed_ms": self._sync.changed_ms,
             "manager_epoch": np.array(self._sync.manager_epoch, np.int64),
         }

@@ -27,7 +27,7 @@ class Ledger:
     """Registers by robot number, the GLRM (`glrm`, CELL with versions) and when each cell became confident."""
 
     def __init__(self, prior: Packed, size: int, rules: Rules, held: StoredState) -> None:
-        self._prior, self._rules, self._size = whole_prior(prior, size), rules, size
+        self.prior, self._rules, self._size = whole_prior(prior, size), rules, size
         self._rows: dict[int, Packed] = {}
         for robot in sorted(held.registers):
             self._put(robot, held.registers[robot])
@@ -37,11 +37,15 @@ class Ledger:
 
     def _recovered(self, version: int) -> Packed:
         glrm = self.folded(np.arange(self._size), {})
+        glrm["version"][self.seen()] = version
+        return glrm
+
+    def seen(self) -> I64:
+        """Cells of which any register tells, ascending."""
         evidence = np.zeros(self._size, np.bool_)
         for row in self._rows.values():
             evidence |= has_evidence(row)
-        glrm["version"] = np.where(evidence, version, 0)
-        return glrm
+        return np.flatnonzero(evidence)
 
     def _put(self, robot: int, rows: Packed) -> None:
         if robot not in self._rows:
@@ -74,7 +78,7 @@ class Ledger:
                 columns[line] = self._rows[robot][cells]
             if robot in news:
                 columns[line, np.searchsorted(cells, news[robot]["cell"])] = news[robot]
-        return fold(self._prior[cells], columns, self._rules)
+        return fold(self.prior[cells], columns, self._rules)
 
     def newly_confident(self, folded: Packed, now_ns: int) -> Packed:
         """Which of these cells reach confidence 64 for the first time, with the time."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from orograph.arrays import I64
 from orograph.keys import robot_id, robot_number
 from orograph.messages import ACKED, REGISTER, UPDATE, Ack, Batch, CellsRequest, Fenced, Hello, Message, Packed
 from orograph.node import Note
+from orograph.protocol.changes import SurfaceWatch
 from orograph.protocol.downlink import Downlink, SendTo
 from orograph.protocol.epochs import Epochs
 from orograph.protocol.ledger import Ledger
@@ -62,6 +63,7 @@ class ManagerSync:
         self._note: Note = _unnoted
         self._reasons_noted: set[tuple[str, str]] = set()
         self._ledger = Ledger(prior, self._size, rules, held)
+        self._watch = SurfaceWatch(shape, self._ledger.prior, self._ledger.glrm, held.settled, self._ledger.seen())
         self._epochs = Epochs(held.granted)
         self.manager_epoch = held.manager_epoch + 1 + (draw % LATER_DRAWS if held.manager_epoch else draw)
         self.version = held.version
@@ -84,6 +86,11 @@ class ManagerSync:
     def first_confident_ns(self) -> I64:
         """Per cell, when its confidence first reached 64; -1 for never."""
         return self._ledger.first_confident_ns
+
+    @property
+    def changed_ms(self) -> I64:
+        """Per cell, simulation time of the scan that showed its surface's last change; -1 for none."""
+        return self._watch.changed_ms
 
     @property
     def confident_cells(self) -> int:
@@ -136,9 +143,14 @@ class ManagerSync:
         for robot in sorted(set(asked) - set(self.revoked)):
             number = self._numbers[robot]
             emptied, folded, confident = self._ledger.withdrawal(number, now_ns)
-            changes = Changes(self.manager_epoch, self.version + 1, confident=confident, revoked=(number,))
+            cells = emptied["cell"].astype(np.int64)
+            changes = Changes(
+                self.manager_epoch, self.version + 1, confident=confident, revoked=(number,),
+                settled=self._watch.forgotten(cells),
+            )  # fmt: skip
             if self._commit(changes):
                 self._revoked |= {number}
+                self._watch.forget(cells)
                 changed = self._ledger.apply({number: emptied}, folded, confident, changes.version)
                 self._publish(changed, changes.version)
                 self._note("revoked", {"robot": robot, "registers": len(emptied), "cells_changed": len(changed)})
@@ -217,18 +229,18 @@ class ManagerSync:
         return news
 
     def _keep_and_answer(self, intake: _Intake, now_ns: int, send: SendTo) -> None:
-        news = self._news(intake)
-        if news or intake.granted:
+        news, settled = self._news(intake), self._watch.due(now_ns)
+        if news or intake.granted or len(settled):
             cells = np.unique(np.concatenate([np.zeros(0, np.int64), *(rows["cell"] for rows in news.values())]))
             cells = cells.astype(np.int64)
             with self._stage("fold"):
                 folded = self._ledger.folded(cells, news)
             confident = self._ledger.newly_confident(folded, now_ns)
             version = self.version + bool(news)
-            changes = Changes(self.manager_epoch, version, news, tuple(intake.granted), confident)
+            changes = Changes(self.manager_epoch, version, news, tuple(intake.granted), confident, settled=settled)
             if not self._commit(changes):
                 return
-            self._apply(changes, folded)
+            self._apply(changes, folded, now_ns)
         self._answer(intake, send)
 
     def _commit(self, changes: Changes) -> bool:
@@ -247,9 +259,13 @@ class ManagerSync:
         self._counts["commits"] += 1
         return True
 
-    def _apply(self, changes: Changes, folded: Packed) -> None:
+    def _apply(self, changes: Changes, folded: Packed, now_ns: int) -> None:
         changed = self._ledger.apply(changes.registers, folded, changes.confident, changes.version)
         self._publish(changed, changes.version)
+        for change in self._watch.settle(changes.settled):
+            self._note("changed", asdict(change))
+            self._counts["surface_changes"] += 1
+        self._watch.look(changes.registers.values(), now_ns)
         for grant in changes.granted:
             self._epochs.add(grant)
             self._note("hello", {"robot": robot_id(grant.robot), "epoch": grant.epoch})
@@ -279,6 +295,7 @@ class ManagerSync:
             "confident_cells": self.confident_cells,
             "cells": self._size,
             "store_full": float(self.store_full),
+            "surface_changes": self._counts["surface_changes"],
             "robots_revoked": len(self._revoked),
             "commits": self._counts["commits"],
             "commits_refused": self._counts["commits_refused"],

@@ -37,6 +37,9 @@ class StoreBusy(StoreError):  # noqa: N818
 CONFIDENT = np.dtype([("cell", "<u4"), ("stamp_ns", "<i8")])
 """When a cell's confidence first reached 64; -1 where that is undone."""
 
+SETTLED = np.dtype([("cell", "<u4"), ("surface", "u1"), ("since_ms", "<i8"), ("changed_ms", "<i8"), ("top", "<i4")])
+"""What a cell's surface settled on and since when, and its last change, as `protocol.changes` has it; top in mm."""
+
 
 @dataclass(frozen=True)
 class Granted:
@@ -59,6 +62,8 @@ class Changes:
     confident: Packed = field(default_factory=lambda: np.zeros(0, CONFIDENT))
     revoked: tuple[int, ...] = ()
     """Numbers of robots whose registers go, all of them, and of whom none are kept from here on."""
+    settled: Packed = field(default_factory=lambda: np.zeros(0, SETTLED))
+    """These replace those of the same cells."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +77,7 @@ class StoredState:
     """In order of granting."""
     confident: Packed = field(default_factory=lambda: np.zeros(0, CONFIDENT))
     revoked: tuple[int, ...] = ()
+    settled: Packed = field(default_factory=lambda: np.zeros(0, SETTLED))
 
 
 class Store(Protocol):
@@ -128,4 +134,7 @@ def merged(held: StoredState, changes: Changes) -> StoredState:
         granted=(*held.granted, *changes.granted),
         confident=np.concatenate([held.confident, changes.confident]),
         revoked=(*held.revoked, *changes.revoked),
+        settled=np.concatenate(
+            [held.settled[~np.isin(held.settled["cell"], changes.settled["cell"])], changes.settled]
+        ),
     )

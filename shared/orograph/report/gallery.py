@@ -40,6 +40,7 @@ class Gallery:
     initial_glrm: Picture
     final_glrm: Picture
     changes: Picture
+    surface_changes: Picture | None
     layers: Picture
     scene: Picture | None
     initial_hrm: Picture | None
@@ -62,6 +63,7 @@ def gallery(parts: RunParts, verdict: Verdict) -> Gallery:
         initial_glrm=initial_glrm,
         final_glrm=final_glrm,
         changes=_changes(parts, verdict, extent),
+        surface_changes=_surface_changes(verdict, extent),
         layers=maps.occupation_and_confidence(verdict.glrm, extent),
         scene=_scene(parts, verdict),
         initial_hrm=initial_hrm,
@@ -145,6 +147,11 @@ def _changes(parts: RunParts, verdict: Verdict, extent: tuple[float, ...]) -> Pi
     local = parts.hrm(robot)
     own = None if local is None else (local.grid, local.height - prior_over(verdict.prior, local.grid).height)
     return maps.changes(verdict.glrm.grid, verdict.glrm.height - verdict.prior.height, extent, robot, own)
+
+
+def _surface_changes(verdict: Verdict, extent: tuple[float, ...]) -> Picture | None:
+    changes = verdict.summary.surface_changes
+    return maps.surface_changes(verdict.glrm, changes, extent) if changes else None
 
 
 def _exaggeration(grid: Grid) -> float:

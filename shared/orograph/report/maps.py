@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from orograph.grid import Grid
 from orograph.layers import CONFIDENT, CellMap, Layer
 from orograph.report import palette
 from orograph.report.palette import Picture
+from orograph.storage.results import SurfaceChange
 
 Path = F64
 UNCHANGED_M = 0.002
@@ -142,6 +144,30 @@ def changes(
         "What the mission changed: final minus initial height [m]; red was raised, blue lowered, grey unchanged. "
         f"Left all robots together, right {robot} alone around where it stopped, against the prior cut into its cells.",
         "Two maps of height changes along the driven streets: small on open ground, large on façades.",
+        draw,
+    )
+
+
+def surface_changes(glrm: CellMap, changes: Sequence[SurfaceChange], extent: tuple[float, ...]) -> Picture:
+    """Where something appeared or went, over the occupation layer."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        draw_layer(axes, glrm.grid, glrm.occupation, Normalize(0, 1), palette.OCCUPATION)
+        for gone, marker, colour, word in (
+            (False, "^", palette.ROBOT_COLOURS[0], "appeared"), (True, "v", palette.ROBOT_COLOURS[2], "went"),
+        ):  # fmt: skip
+            places = [(c.x_m, c.y_m) for c in changes if (c.to_top_m is None) == gone]
+            x_m, y_m = np.array(places, np.float64).reshape(-1, 2).T
+            label = f"{word}: {len(places)} cells"
+            axes.scatter(x_m, y_m, 36, colour, marker=marker, edgecolors=palette.PAPER, linewidths=0.7, label=label)
+        axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0))
+        _zoom(axes, extent)
+
+    return palette.picture(
+        (7.5, 4.6),
+        "Cells of the global map on which something appeared, or from which something went, over its occupation.",
+        f"The global map from above with {len(changes)} marks where its surface changed.",
         draw,
     )
 

@@ -66,6 +66,7 @@ MANAGER = {
     "confident_cells": _gauge("map_confident_cells", "Cells of the global map that are confident."),
     "cells": _gauge("map_cells", "Cells of the global map."),
     "store_full": _gauge("store_full", "1 while the store's disk is full."),
+    "surface_changes": _counter("map_surface_changes", "Cells on which something appeared or from which it went."),
     "robots_revoked": _gauge("map_robots_revoked", "Robots whose registers were taken out of the map for good."),
     "commits": _counter("store_commits", "Commits of robots' records."),
     "commits_refused": _counter("store_commits_refused", "Commits that the store refused for want of room."),

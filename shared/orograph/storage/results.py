@@ -249,6 +249,23 @@ class Contact(_Frozen):
     y_m: float
 
 
+class SurfaceChange(_Frozen):
+    """Something appeared on a cell of the map, or went from it."""
+
+    row: int
+    col: int
+    x_m: float
+    y_m: float
+    """The cell's middle."""
+    since_s: float
+    """When a robot's scan first showed it."""
+    told_s: float
+    """When the map manager was sure of it."""
+    from_top_m: float | None
+    """Height of what stood there; null where nothing did."""
+    to_top_m: float | None
+
+
 class Summary(Result):
     """A judged run: what people and tests read first."""
 
@@ -270,6 +287,8 @@ class Summary(Result):
     """Places in `patrol` that nobody visited; null where the orchestrator left nothing."""
     contacts: tuple[Contact, ...]
     """Collisions, in the order of their ends."""
+    surface_changes: tuple[SurfaceChange, ...]
+    """What appeared or went while robots mapped, as the map manager told of it."""
     deterministic: bool
     sim_time_s: float
     wall_time_s: float

@@ -23,6 +23,7 @@ from orograph.messages import REGISTER, Packed
 from orograph.protocol.epochs import NONCES_KEPT
 from orograph.protocol.store import (
     CONFIDENT,
+    SETTLED,
     Changes,
     Granted,
     StoreBusy,
@@ -34,7 +35,7 @@ from orograph.protocol.store import (
 )
 
 APPLICATION_ID = 0x4F524F47
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 Timed = Callable[[], AbstractContextManager[object]]
 HOLD_TIMEOUT_S = 5.0
 """How long a predecessor that is just ending may keep the file."""
@@ -47,10 +48,14 @@ _TABLES = (
     " primary key (robot, epoch)) without rowid",
     "create table confident (cell integer primary key, stamp_ns integer, checksum integer)",
     "create table revoked (robot integer primary key, checksum integer)",
+    "create table settled (cell integer primary key, surface integer, since_ms integer,"
+    " changed_ms integer, top integer, checksum integer)",
 )
 _PUT_REGISTERS = "insert into register values (?, ?, ?, ?)"
 _PUT_HELLOS = "insert into hello values (?, ?, ?, ?)"
 _PUT_CONFIDENT = "insert into confident values (?, ?, ?)"
+_PUT_SETTLED = "insert into settled values (?, ?, ?, ?, ?, ?)"
+_TAKE_SETTLED = "delete from settled where cell in (select value from json_each(?)) returning checksum"
 _PUT_REVOKED = "insert into revoked values (?, ?)"
 _TAKE_ROBOT = "delete from register where robot = ? returning checksum"
 _TAKE_REGISTERS = "delete from register where robot = ? and cell in (select value from json_each(?)) returning checksum"
@@ -169,9 +174,10 @@ class SqliteStore:
         granted = tuple(Granted(robot, nonce, epoch) for robot, epoch, nonce in self._rows("hello"))
         confident = np.array(list(self._rows("confident")), CONFIDENT)
         revoked = tuple(robot for (robot,) in self._rows("revoked"))
+        settled = np.array(list(self._rows("settled")), SETTLED)
         if checksum != self._head_checksum(manager_epoch, version, self._total):
             raise self._refusal("it is damaged (the sum over its rows does not match)")
-        return StoredState(manager_epoch, version, registers, granted, confident, revoked)
+        return StoredState(manager_epoch, version, registers, granted, confident, revoked, settled)
 
     def _rows(self, table: str) -> Iterator[tuple[Any, ...]]:
         """Rows of a table without their checksums, which are verified and summed."""
@@ -213,6 +219,8 @@ class SqliteStore:
         total -= sum(self._take(_TAKE_OLD_HELLOS, robot) for robot in {g.robot for g in changes.granted})
         total -= self._take(_TAKE_CONFIDENT, json.dumps(changes.confident["cell"].tolist()))
         total += self._put(_PUT_CONFIDENT, changes.confident.tolist())
+        total -= self._take(_TAKE_SETTLED, json.dumps(changes.settled["cell"].tolist()))
+        total += self._put(_PUT_SETTLED, changes.settled.tolist())
         total -= sum(self._take(_TAKE_ROBOT, robot) for robot in changes.revoked)
         total += self._put(_PUT_REVOKED, [(robot,) for robot in changes.revoked])
         head = (changes.manager_epoch, changes.version)

@@ -72,6 +72,15 @@ def test_the_finished_folder_has_everything(finished: Path) -> None:
         assert glrm["height"].shape == (32, 32)
 
 
+def test_what_changed_is_in_the_summary_the_map_and_the_report(finished: Path) -> None:
+    (change,) = Summary.read(finished).surface_changes
+    assert (change.row, change.col, change.x_m, change.y_m) == (3, 4, 22.5, 17.5)
+    assert (change.since_s, change.told_s, change.from_top_m, change.to_top_m) == (30.5, 36.0, None, 9.75)
+    with np.load(finished / GLRM) as glrm:
+        assert np.argwhere(np.isfinite(glrm["changed_at"])).tolist() == [[3, 4]] and glrm["changed_at"][3, 4] == 30.5
+    assert "What changed" in (finished / REPORT).read_text()
+
+
 def test_the_summary_has_its_keys_and_true_figures(finished: Path) -> None:
     summary = Summary.read(finished)
     assert set(summary.stages_ms) == set(STAGES)
@@ -88,7 +97,7 @@ def test_the_page_is_one_file_that_asks_nobody(finished: Path) -> None:
     page = Page()
     page.feed(text)
     assert not page.open
-    assert len(page.alts) == 13
+    assert len(page.alts) == 14
     assert all(len(alt) > 20 for alt in page.alts)
     for link in page.links:
         assert link.startswith("data:image/svg+xml,") or link[1:] in page.ids, link[:80]
