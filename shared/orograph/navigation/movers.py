@@ -154,7 +154,8 @@ def _meeting(mover: Mover, now_ns: int, path_m: F64, arc_m: F64, times_s: F64, r
     moved_m = mover.moved_m(AHEAD_S + (now_ns - mover.stamp_ns) / SECOND_NS)
     met, wait, swept = first_met(path_m, times_s, cells_m, AHEAD_S, moved_m, reach_m)
     along = path_m[swept] - path_m[max(0, swept - 2)]
-    head_on = -float(along @ mover.velocity_mps) > HEAD_ON * math.hypot(*along) * mover.speed_mps
+    (x, y), (vx, vy) = along, mover.velocity_mps
+    head_on = -float(x * vx + y * vy) > HEAD_ON * math.hypot(x, y) * mover.speed_mps
     return Meeting(
         float(arc_m[met]) if met >= 0 else math.inf, float(arc_m[wait]) if wait >= 0 else -math.inf,
         float(arc_m[swept]) if swept >= 0 else math.inf, head_on,

@@ -89,7 +89,7 @@ def half_lane_m(yaw_rad: F64, step_m: float, vehicle: Vehicle) -> F64:
     In a bend its front swings out.
     """
     half_length_m, half_width_m = 0.5 * vehicle.size_m[0], 0.5 * vehicle.size_m[1]
-    turned = np.abs(np.angle(np.exp(1j * (np.roll(yaw_rad, -1) - np.roll(yaw_rad, 1)))))
+    turned = np.abs((np.roll(yaw_rad, -1) - np.roll(yaw_rad, 1) + math.pi) % (2 * math.pi) - math.pi)
     radius_m = 2 * step_m / np.maximum(turned, 1e-9)
     swing_m = np.hypot(radius_m + half_width_m, half_length_m) - radius_m - half_width_m
     near = maximum_filter1d(swing_m, 2 * math.ceil(half_length_m / step_m) + 1, mode="wrap")
