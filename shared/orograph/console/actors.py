@@ -14,7 +14,6 @@ from orograph.console.film import RADIO, YAW, Film, row_at
 from orograph.scene.bodies import vehicle_box
 
 TRAIL_POINTS = 300
-SCAN_POINTS = 4_000
 SILENT_RGB = (150, 60, 60)
 LINK_RGB = (70, 160, 220)
 SHADOW_RGB = (95, 30, 110)
@@ -118,12 +117,12 @@ class Actors:
 
     def _show_scans(self, film: Film, stamp_ns: int, wanted: bool) -> None:
         for robot, cloud in self._scans.items():
-            points = film.scans.get(robot)
+            points_of = film.scans.get(robot)
             # Of a finished run the folder keeps the last scan alone: shown at its end.
-            cloud.visible = wanted and points is not None and stamp_ns >= film.end_ns
-            if cloud.visible and points is not None and self._drawn_scans.get(robot) is not points:
+            cloud.visible = wanted and points_of is not None and stamp_ns >= film.end_ns
+            if cloud.visible and points_of is not None and (points := points_of()) is not self._drawn_scans.get(robot):
                 self._drawn_scans[robot] = points
-                cloud.points = points[:: max(1, len(points) // SCAN_POINTS)].astype(np.float32)
+                cloud.points = points.astype(np.float32)
 
     def _trails(self, film: Film, stamp_ns: int) -> list[tuple[F64, tuple[int, int, int]]]:
         """A robot's way so far in its colour, in dark red where it had no radio."""

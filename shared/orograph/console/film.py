@@ -34,8 +34,8 @@ class Film:
     """CHANGE, stamps rising."""
     events: Sequence[Event]
     """Ordered by stamp_ns."""
-    scans: Mapping[str, F64]
-    """Robot -> points (n, 3) of its last scan in the map frame, where one is known."""
+    scans: Mapping[str, Callable[[], F64]]
+    """Robot -> points (n, 3) of its last scan in the map frame, where one is known; the same array until the next."""
     registers: Callable[[], Packed]
     """ROBOT_REGISTER, in any order, as they are at the end of what there is."""
     live: bool = False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -45,6 +46,8 @@ COURSE_BYTES, MAP_BYTES = 2**22, 2**25
 """Of one body's course, and of the map's."""
 EVENTS_EVERY_S = 1.0
 SCAN_WAIT_NS = 500_000_000
+SCAN_POINTS = 4_000
+"""About so many of a scan are made: whole columns of it are left out."""
 ANEW_NS = 10_000_000_000
 """Bodies that are so much older than others are of another run."""
 
@@ -108,7 +111,7 @@ class LiveFilm:
                 {robot: course.rows() for robot, course in self._robots.items()},
                 [course.rows() for course in self._vehicles],
                 {robot: course.rows() for robot, course in self._backlog.items()},
-                self._map.rows(), self._events, {robot: self._points_of(robot) for robot in self._scans},
+                self._map.rows(), self._events, {robot: partial(self._points_of, robot) for robot in self._scans},
                 self._registers, live=True,
             )  # fmt: skip
 
@@ -171,7 +174,8 @@ class LiveFilm:
         if self._points.get(robot, (-1,))[0] != scan.stamp_ns:
             R_map_robot = rotation(pose.roll_rad, pose.pitch_rad, pose.yaw_rad)
             eye_m = laser_position_m(self._site.scenario.laser, R_map_robot, np.array([pose.x_m, pose.y_m, pose.z_m]))
-            points, _ = points_from_ranges(scan.ranges, self._directions, R_map_robot, eye_m)
+            few = slice(None, None, max(1, scan.ranges.size // SCAN_POINTS))
+            points, _ = points_from_ranges(scan.ranges[:, few], self._directions[:, few], R_map_robot, eye_m)
             self._points[robot] = scan.stamp_ns, points
         return self._points[robot][1]
 

@@ -27,7 +27,7 @@ from orograph.errors import InputError
 from orograph.protocol.explained import Explanation, explain
 from orograph.rules import Rules
 
-PICTURE_S = 0.2
+PICTURE_S, ALONE_S = 0.2, 1.0
 WORDS_S = 1.0
 PORT = 8080
 
@@ -75,6 +75,11 @@ class Page:
         """Where a browser finds it."""
         return f"http://127.0.0.1:{self._server.get_port()}"
 
+    @property
+    def _seen(self) -> bool:
+        """Whether anybody looks: a finished run waits for them, and what nobody sees need not be drawn often."""
+        return bool(self._server.get_clients())
+
     def run(self, stop: threading.Event, alive: Callable[[], None] = lambda: None) -> None:
         """Show until told to stop; `alive` is called with every picture."""
         while not stop.is_set():
@@ -82,14 +87,15 @@ class Page:
             self.step()
             alive()
             # A picture that took long is followed by as long a rest: half a core at most.
-            stop.wait(max(PICTURE_S - (time.monotonic() - begun_s), time.monotonic() - begun_s))
+            took_s, pause_s = time.monotonic() - begun_s, PICTURE_S if self._seen else ALONE_S
+            stop.wait(max(pause_s - took_s, took_s))
         with _silent():
             self._server.stop()
 
     def step(self) -> None:
         """One picture."""
         film, now_s = self._film(), time.monotonic()
-        stamp_ns = self._timeline.time_ns(film, now_s - self._stepped_s)
+        stamp_ns = self._timeline.time_ns(film, (now_s - self._stepped_s) if self._seen else 0.0)
         self._stepped_s = now_s
         scale = self._controls.scale
         wanted = (scale.needs, TRUTH if self._picked else "")

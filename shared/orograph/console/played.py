@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from orograph import keys
 from orograph.arrays import F64
 from orograph.console.film import Film
+from orograph.console.live import SCAN_POINTS
 from orograph.geometry import laser_position_m, ray_directions, rotation_from_quaternion
 from orograph.nodes.cell_history import CHANGE
 from orograph.points import points_from_ranges
@@ -41,11 +43,16 @@ def _course(world: Arrays, robot: str) -> F64:
     return np.column_stack([truth[:, :5], radio])
 
 
-def _last_scans(parts: RunParts) -> Iterator[tuple[str, F64]]:
+def _last_scans(parts: RunParts) -> Iterator[tuple[str, Callable[[], F64]]]:
     laser = parts.scenario.laser
     for robot in parts.robots:
         arrays = parts.of(keys.LASER, robot)
         if "last_ranges" in arrays:
             R_map_robot = rotation_from_quaternion(arrays["last_quaternion_wxyz"])
             eye_m = laser_position_m(laser, R_map_robot, arrays["last_position_m"])
-            yield robot, points_from_ranges(arrays["last_ranges"], ray_directions(laser), R_map_robot, eye_m)[0]
+            points, _ = points_from_ranges(arrays["last_ranges"], ray_directions(laser), R_map_robot, eye_m)
+            yield robot, partial(_known, points[:: max(1, len(points) // SCAN_POINTS)])
+
+
+def _known(points: F64) -> F64:
+    return points
