@@ -13,7 +13,6 @@ from orograph.runtime.briefing import await_briefing
 from orograph.runtime.settings import Settings
 from orograph.runtime.watchdog import Watchdog, leave, options
 from orograph.scene.site import Site
-from orograph.storage.run_folder import next_record
 
 TURN_S = 0.2
 
@@ -28,14 +27,16 @@ def main() -> int:
         briefing = await_briefing(bus, settings.run_dir, watchdog)
         if briefing is None:
             return 0
-        path, told = next_record(briefing.folder), {"commit": commit(), "run": briefing.run}
-        with Recorder(Site(briefing.scenario), briefing.folder, path, told, arguments.full_scans) as recorder:
+        told = {"commit": commit(), "run": briefing.run}
+        with Recorder(Site(briefing.scenario), briefing.folder, told, arguments.full_scans) as recorder:
             observer = Observer(bus.sessions, KINDS, recorder.hear)
             while not watchdog.stop.is_set():
                 watchdog.alive()
                 recorder.write(TURN_S)
         refused = observer.callbacks.figures()
-        logging.getLogger("orograph").info("%s: %d not written, refused: %s", path, recorder.dropped, refused or "none")
+        logging.getLogger("orograph").info(
+            "%s: %d not written, refused: %s", recorder.path, recorder.dropped, refused or "none"
+        )
     return 0
 
 

@@ -31,6 +31,6 @@ def test_seen_and_recorded_and_with_its_console_killed_the_map_is_the_same(in_pr
     finish(TINY, out, "processes")
     summary = Summary.read(out)
     assert restarts and restarts[0] == "console (signal SIGKILL)" and b"<html" in pages[0][:500]
-    record = read_record(out / "record.mcap")
+    record = read_record(out / "record-001.mcap")
     assert record.whole and rerun([record]).reached_hash == in_process.glrm_hash
     assert summary.deterministic and summary.complete and summary.glrm_hash == in_process.glrm_hash

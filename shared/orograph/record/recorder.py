@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from queue import Empty, Full, Queue
 from types import TracebackType
@@ -27,11 +28,14 @@ from orograph.record.topics import Body, Topics
 from orograph.registers import unpack
 from orograph.scene.site import Site
 from orograph.storage.parts import read_events
+from orograph.storage.run_folder import next_record, records
 
 RADIO_KINDS: Final = tuple(kind for kind in ALL.values() if any(r.plane == keys.RADIO for r in kind.routes))
 KINDS: Final[tuple[type[Message | Figures], ...]] = (*RADIO_KINDS, Bodies, Pose, Scan, Figures)
 """What is listened to: all of the map protocol and of missions, and what is needed to see a run."""
 METADATA = "orograph"
+PART_BYTES, PARTS_MAX = 2**28, 8
+"""A record is cut into parts of about this size, of which so many are kept, the newest."""
 WAITING_MAX = 20_000
 FLUSH_S = 0.5
 MAP_EVERY_NS = 10 * SECOND_NS
@@ -44,19 +48,18 @@ class Recorder:
     """A context manager; `hear` is called from the observer's threads, `write` by one thread in turns."""
 
     def __init__(
-        self, site: Site, folder: Path, path: Path, metadata: Mapping[str, str], full_scans: bool = False
+        self, site: Site, folder: Path, metadata: Mapping[str, str], full_scans: bool = False,
+        part_bytes: int = PART_BYTES,
     ) -> None:  # fmt: skip
-        """`folder` is the run's, in which its services note events; raises OSError where `path` can't be written."""
-        self._site, self._folder, self._full_scans = site, folder, full_scans
+        """`folder` is the run's, in which its services note events and the parts of the record are left."""
+        self._site, self._folder, self._full_scans, self._part_bytes = site, folder, full_scans, part_bytes
         self._waiting: Queue[Heard] = Queue(WAITING_MAX)
         self.dropped = 0
         """Heard and not written, because the disk was slower than the run."""
-        context = Context()
-        self._topics = Topics(context)
-        self._file = open_mcap(path, context=context)
-        scenario = site.scenario.model_dump_json()
-        self._file.write_metadata(METADATA, {**metadata, "scenario": scenario})
-        self._overheard, self._map_due_ns, self._changed = OverheardMap(site.prior), 0, True
+        self._context, self._metadata = Context(), {**metadata, "scenario": site.scenario.model_dump_json()}
+        self._topics = Topics(self._context)
+        self._begin_part()
+        self._overheard = OverheardMap(site.prior)
         self._scanned = {robot: ScanPoseSync(SCAN_WAIT_NS) for robot in site.scenario.robot_ids}
         self._scan_due_ns = dict.fromkeys(self._scanned, 0)
         self._directions = ray_directions(site.scenario.laser)
@@ -82,16 +85,34 @@ class Recorder:
 
     def write(self, patience_s: float) -> None:
         """Write what waits, for which this waits at most so long; twice a second all is made safe."""
-        try:
-            self._take(self._waiting.get(timeout=patience_s) if patience_s else self._waiting.get_nowait())
-            while True:
-                self._take(self._waiting.get_nowait())
-        except Empty:
-            pass
+        with suppress(Empty):
+            self._take(self._waiting.get(timeout=patience_s))
+        self._take_waiting()
         if time.monotonic() - self._flushed_s >= FLUSH_S:
-            self._note_events()
-            self._file.flush()
-            self._flushed_s = time.monotonic()
+            self.safe()
+
+    def safe(self) -> None:
+        """Write what waits; nothing of it can be lost any more."""
+        self._take_waiting()
+        self._note_events()
+        self._file.flush()
+        self._flushed_s = time.monotonic()
+        if self.path.stat().st_size > self._part_bytes:
+            self._file.close()
+            self._begin_part()
+
+    def _take_waiting(self) -> None:
+        while not self._waiting.empty():
+            self._take(self._waiting.get_nowait())
+
+    def _begin_part(self) -> None:
+        """Open the next file, which can be looked at by itself; the oldest go, so that a day does not fill the disk."""
+        self.path = next_record(self._folder)
+        self._file = open_mcap(self.path, context=self._context)
+        self._file.write_metadata(METADATA, self._metadata)
+        self._map_due_ns, self._changed = 0, True
+        for old in records(self._folder)[:-PARTS_MAX]:
+            old.unlink()
 
     def _take(self, heard: Heard) -> None:
         stamp_ns = heard.frame * self._site.scenario.frame_ns

@@ -58,10 +58,15 @@ def bytes_file(process: str) -> str:
     return f"{PARTS}/bytes-{process}.json"
 
 
+def records(out: Path) -> list[Path]:
+    """The parts of a run's record, oldest first."""
+    return sorted(out.glob("record-[0-9]*.mcap"), key=lambda path: int(path.stem.removeprefix("record-")))
+
+
 def next_record(out: Path) -> Path:
-    """Where the next record of a run goes: a recorder that was started again leaves the first as it is."""
-    names = (out / f"record{f'-{i}' if i else ''}.mcap" for i in range(10_000))
-    return next(path for path in names if not path.exists())
+    """Where the next part of a run's record goes: none is written over."""
+    last = int(parts[-1].stem.removeprefix("record-")) if (parts := records(out)) else 0
+    return out / f"record-{last + 1:03d}.mcap"
 
 
 def process_file(process: str) -> str:

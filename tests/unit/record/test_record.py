@@ -21,6 +21,7 @@ from orograph.record.rerun import rerun
 from orograph.rules import Rules
 from orograph.scenario import Scenario
 from orograph.scene.site import Site
+from orograph.storage.run_folder import records
 
 ONE = keys.node(keys.MAPPING, "robot_001")
 FRAMES, RESTART = 40, 25
@@ -77,7 +78,7 @@ def site(scenario_of: Callable[..., Scenario]) -> Site:
 
 @pytest.fixture
 def recorder(site: Site, tmp_path: Path, poses_at: Callable[..., Packed]) -> Recorder:
-    recorder = Recorder(site, tmp_path, tmp_path / "record.mcap", {"commit": "abc"})
+    recorder = Recorder(site, tmp_path, {"commit": "abc"})
     stamp_ns = FRAMES * site.scenario.frame_ns
     scan = Scan(stamp_ns, np.full((4, 8), 2_000, "<u2")), Pose(stamp_ns, 50.0, 50.0, 0.0, 0.0, 0.0, 0.0, 0.1)
     mission = Mission(site, recorder.hear)
@@ -89,7 +90,7 @@ def recorder(site: Site, tmp_path: Path, poses_at: Callable[..., Packed]) -> Rec
 def test_other_programs_find_map_frames_scans_and_who_made_it(recorder: Recorder, tmp_path: Path) -> None:
     with recorder:
         pass
-    with (tmp_path / "record.mcap").open("rb") as stream:
+    with (tmp_path / "record-001.mcap").open("rb") as stream:
         reader = make_reader(stream)
         kinds = {channel.topic: schema.name for schema, channel, _ in reader.iter_messages() if schema}
         (metadata,) = reader.iter_metadata()
@@ -102,26 +103,36 @@ def test_other_programs_find_map_frames_scans_and_who_made_it(recorder: Recorder
 def test_run_again_it_makes_the_recorded_map(recorder: Recorder, tmp_path: Path, site: Site) -> None:
     with recorder:
         pass
-    record = read_record(tmp_path / "record.mcap")
+    record = read_record(tmp_path / "record-001.mcap")
     found = rerun([record])
     assert record.whole and record.scenario == site.scenario and found.messages == FRAMES
     assert found.agrees and found.reached_hash != rerun([record.__class__(record.scenario, {}, (), True)]).reached_hash
-    assert main(["rerun", str(tmp_path / "record.mcap")]) == 0
+    assert main(["rerun", str(tmp_path / "record-001.mcap")]) == 0
 
 
 def test_what_was_written_outlives_a_recorder_that_is_killed(
     recorder: Recorder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     left = tmp_path / "left.mcap"
-    left.write_bytes((tmp_path / "record.mcap").read_bytes())  # as it lies on the disk now, never closed
+    left.write_bytes((tmp_path / "record-001.mcap").read_bytes())  # as it lies on the disk now, never closed
     with recorder:
         pass
-    found, whole = read_record(left), read_record(tmp_path / "record.mcap")
+    found, whole = read_record(left), read_record(tmp_path / "record-001.mcap")
     assert not found.whole and len(found.told) == len(whole.told) > FRAMES
     assert main(["rerun", str(left)]) == 0
     assert "was cut short" in capsys.readouterr().out
     left.write_bytes(left.read_bytes()[: left.stat().st_size // 2])
     assert len(read_record(left).told) < len(whole.told)
+
+
+def test_a_long_record_is_cut_into_parts_of_which_the_newest_stay(site: Site, tmp_path: Path) -> None:
+    with Recorder(site, tmp_path, {}, part_bytes=0) as recorder:
+        for number in range(12):
+            recorder.hear(Heard(ONE, keys.MANAGER, number, batch(1, number)))
+            recorder.safe()
+    parts = [read_record(path) for path in records(tmp_path)]
+    assert len(parts) == 8 and all(part.whole and part.scenario == site.scenario for part in parts)
+    assert [t.stamp_ns // site.scenario.frame_ns for part in parts for t in part.told] == list(range(5, 12))
 
 
 @pytest.mark.parametrize("content", [b"", b"no record at all", b"\x89MCAP0\r\n"])
