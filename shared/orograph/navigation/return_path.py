@@ -11,24 +11,22 @@ SILENT_S = 5.0
 """The orchestrator speaks every second: so long without it is a shadow, not a lost message."""
 FIRST_SILENT_S = 15.0
 """A robot that has never heard anything gives the orchestrator longer to appear."""
-SPACING_M = 8.0
-ARRIVED_M, LISTEN_S = 2.0, 3.0
+SPACING_M, ARRIVED_M = 8.0, 2.0
 
 
 class ReturnPath:
-    """Places where the radio was heard, newest last; they are tried backwards, and the base station at the end."""
+    """Places where the radio was heard, newest last: driven to backwards until it is, at last the base station."""
 
     def __init__(self, base_station_m: PointM) -> None:
         self._base_m = base_station_m
         self._places: list[PointM] = []
         self._heard_ns: int | None = None
         self._first_ns: int | None = None
-        self._arrived_ns: int | None = None
 
     def heard(self, now_ns: int, x_m: float, y_m: float) -> None:
         """The orchestrator was heard here."""
-        self._heard_ns, self._arrived_ns = now_ns, None
-        if self._places and math.dist(self._places[-1], (x_m, y_m)) < SPACING_M:
+        self._heard_ns = now_ns
+        if len(self._places) > 1 and math.dist(self._places[-2], (x_m, y_m)) < SPACING_M:
             self._places.pop()
         self._places.append((x_m, y_m))
 
@@ -41,20 +39,19 @@ class ReturnPath:
         return now_ns - self._heard_ns > SILENT_S * SECOND_NS
 
     def goal(self, now_ns: int, at_m: PointM) -> PointM | None:
-        """Where to drive to hear something again; None while the radio is up."""
+        """Where to drive to hear something again; None while the radio is up, and at the base station.
+
+        A place is not waited at: who came near it from within a shadow may still be inside.
+        """
         if not self.silent(now_ns):
             return None
-        place = self._places[-1] if self._places else self._base_m
-        if math.dist(place, at_m) < ARRIVED_M:
-            if self._arrived_ns is None:
-                self._arrived_ns = now_ns
-            if now_ns - self._arrived_ns > LISTEN_S * SECOND_NS:
-                self.abandon()
-            return None
-        return place
+        while self._places and math.dist(self._places[-1], at_m) < ARRIVED_M:
+            self._places.pop()
+        if self._places:
+            return self._places[-1]
+        return None if math.dist(self._base_m, at_m) < ARRIVED_M else self._base_m
 
     def abandon(self) -> None:
-        """That place is no good: try the one before."""
-        self._arrived_ns = None
+        """That place cannot be reached: try the one before."""
         if self._places:
             self._places.pop()

@@ -117,20 +117,32 @@ def test_poor_gps_on_the_way_does_not_stop_it():
     assert world.hits == []
 
 
-def test_places_with_radio_are_tried_backwards_and_then_the_base_station():
+def test_places_with_radio_are_driven_to_backwards_until_it_is_heard_and_then_the_base_station():
     second = 1_000_000_000
     back = ReturnPath((0.0, 0.0))
-    back.heard(0, 30.0, 0.0)
-    back.heard(second, 50.0, 0.0)
-    assert back.goal(5 * second, (80.0, 0.0)) is None, "not silent for long enough"
-    assert back.goal(7 * second, (80.0, 0.0)) == (50.0, 0.0)
-    assert back.goal(20 * second, (50.0, 1.0)) is None, "there it listens"
-    assert back.goal(24 * second, (50.0, 1.0)) is None
-    assert back.goal(25 * second, (50.0, 1.0)) == (30.0, 0.0)
+    for k in range(20):
+        back.heard(k * second, 31.0 + k, 0.0)
+    assert back.goal(24 * second, (80.0, 0.0)) is None, "not silent for long enough"
+    assert back.goal(25 * second, (80.0, 0.0)) == (50.0, 0.0)
+    assert back.goal(40 * second, (50.0, 1.0)) == (45.0, 0.0), "it does not stop there"
     back.abandon()
-    assert back.goal(26 * second, (50.0, 1.0)) == (0.0, 0.0)
-    back.heard(27 * second, 45.0, 0.0)
-    assert back.goal(28 * second, (45.0, 0.0)) is None
+    assert back.goal(40 * second, (50.0, 1.0)) == (38.0, 0.0)
+    assert back.goal(41 * second, (38.0, 1.0)) == (31.0, 0.0)
+    assert back.goal(42 * second, (31.0, 1.0)) == (0.0, 0.0)
+    assert back.goal(60 * second, (0.0, 1.0)) is None, "nowhere else is better"
+    back.heard(61 * second, 45.0, 0.0)
+    assert back.goal(62 * second, (45.0, 0.0)) is None
+
+
+def test_where_it_last_heard_the_radio_may_lie_in_the_shadow_by_now():
+    """A shadow that has grown since: it goes on until it hears, not across the town to the base."""
+    edge = iter([50.0] * 24)
+    world = UnicycleWorld(
+        scenario_of([(70, 12)], start=(6, 12, 0), base_station_m=(90, 90)),
+        radio=lambda x, y: x < next(edge, 30.0),
+    ).run(60)
+    assert 20 < world.x < 31 and abs(world.y - 12) < 3
+    assert world.node._navigator.state == "done"
 
 
 # --- the node's manners --------------------------------------------------------------------------------------------
