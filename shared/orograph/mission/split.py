@@ -16,6 +16,7 @@ import numpy as np
 from ortools.constraint_solver import pywrapcp, routing_enums_pb2
 
 from orograph.arrays import F64
+from orograph.mission.cut import ROBOTS_MAX, cut
 from orograph.mission.deal import deal
 from orograph.mission.distances import UNREACHABLE_M
 
@@ -100,9 +101,15 @@ def longest_m(robots: int, distance_m: F64, tours: Tours) -> float:
 
 
 def _first_tours(patrol: _Patrol, waypoints: list[int]) -> Tours:
-    """All robots' tours over some waypoints: searched for, or dealt out where a search would take too long."""
+    """All robots' tours over some waypoints: the better of a search and of one robot's tour cut into stretches.
+
+    Where a search would take too long they are dealt out.
+    """
     if len(waypoints) <= SEARCHED_WAYPOINTS:
-        return _best_tours(patrol, list(range(patrol.robots)), waypoints)
+        found = [_best_tours(patrol, list(range(patrol.robots)), waypoints)]
+        if 1 < patrol.robots <= ROBOTS_MAX and all(len(patrol.takers[w]) == patrol.robots for w in waypoints):
+            found.append(cut(patrol.distance_m, patrol.robots, _best_tours(patrol, [0], waypoints)[0]))
+        return min(found, key=lambda tours: _lengths_m(patrol, range(patrol.robots), tours))
     places = [*range(patrol.robots), *(patrol.robots + w for w in waypoints)]
     may_take = np.array([[robot in patrol.takers[w] for w in waypoints] for robot in range(patrol.robots)])
     return [[waypoints[i] for i in tour] for tour in deal(patrol.distance_m[np.ix_(places, places)], may_take)]
@@ -119,7 +126,7 @@ def _best_tours(patrol: _Patrol, robots: list[int], waypoints: list[int]) -> Tou
     return min(found, key=lambda tours: _lengths_m(patrol, robots, tours))
 
 
-def _lengths_m(patrol: _Patrol, robots: list[int], tours: Tours) -> list[float]:
+def _lengths_m(patrol: _Patrol, robots: Sequence[int], tours: Tours) -> list[float]:
     return sorted((patrol.length_m(r, tour) for r, tour in zip(robots, tours, strict=True)), reverse=True)
 
 
