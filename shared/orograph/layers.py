@@ -107,6 +107,9 @@ CONFIDENCE_TOP: Final = MAPPED_LAYERS.index("confidence_top")
 WALL_SHARE: Final = MAPPED_LAYERS.index("wall_share")
 FREE_SHARE: Final = MAPPED_LAYERS.index("free_share")
 CONFIDENCE_MAX = 255.0
+OCCUPIED = 0.5
+"""A cell counts as occupied from this occupation on: half of the largest passable slope. A GLRM cell mixes wall and
+street, so its mean seldom reaches 1; below 0.5 the robot drives."""
 CONFIDENT = 64.0
 """A cell counts as mapped from this confidence on (mapping.md section 6, "mapping time")."""
 
@@ -146,6 +149,13 @@ class CellMap:
     def known(self) -> npt.NDArray[np.bool_]:
         """Cells with any confidence (rows, cols)."""
         return self.confidence > 0
+
+    @property
+    def visible(self) -> Layer:
+        """The surface (rows, cols) [m] that is seen from above: the top where something bars the cell, else ground."""
+        top = self.by_name.get("height_top", self.height)
+        stands: npt.NDArray[np.bool_] = np.nan_to_num(self.occupation) >= OCCUPIED
+        return np.where(stands & np.isfinite(top), top, self.height)
 
     def copy(self) -> CellMap:
         """A deep copy over the same grid."""

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from orograph.arrays import F64, Mask
 from orograph.judge.map_truth import MapTruth
-from orograph.judge.score import CONFIDENCE_BINS, OCCUPIED, height_error
-from orograph.layers import CONFIDENT, CellMap
+from orograph.judge.score import CONFIDENCE_BINS, height_error
+from orograph.layers import CONFIDENT, OCCUPIED, CellMap
 from orograph.storage.results import HeightErrors
 
 JUDGED = np.dtype(

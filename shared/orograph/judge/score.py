@@ -14,14 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from orograph.arrays import I64, Mask
-from orograph.layers import CONFIDENT, CellMap
+from orograph.layers import CONFIDENT, OCCUPIED, CellMap
 from orograph.storage.results import HeightErrors, MapScore
 
 Heights = npt.NDArray[np.floating[Any]]
 
-OCCUPIED = 0.5
-"""A cell counts as occupied from this occupation on: half of the largest passable slope. A GLRM cell mixes wall and
-street, so its mean seldom reaches 1; below 0.5 the robot drives."""
 CONFIDENCE_BINS = ((1, 64), (64, 128), (128, 192), (192, 256))
 """Half-open [low, high); the last holds 255."""
 SHARES = (50, 90, 95, 99)

@@ -139,9 +139,11 @@ def _surface(truth: MapTruth) -> Truth:
 
 def _scores(maps: list[BeforeAfter], ideal: list[Truth]) -> Scores:
     finals, surfaces = [m.final for m in maps], [_surface(m.truth) for m in maps]
+    seen = [CellMap(m.grid, {**m.by_name, "height": m.visible}) for m in finals]
     buildings = [np.nan_to_num(m.truth.surface_m - m.truth.ground_m) > BUILDING_FROM_M for m in maps]
     against_surface, against_ideal = (
-        score_maps(list(zip(finals, truths, buildings, strict=True))) for truths in (surfaces, ideal)
+        score_maps(list(zip(cells, truths, buildings, strict=True)))
+        for cells, truths in ((seen, surfaces), (finals, ideal))
     )
     return Scores(surface=against_surface, ideal=against_ideal)
 
@@ -238,9 +240,9 @@ def sentence(parts: RunParts, summary: Summary) -> str:
 
 
 def glrm_errors(verdict: Verdict) -> tuple[Layer, Layer]:
-    """Height of the final GLRM minus the true surface and minus the ideal map [m], NaN where not confident."""
+    """The final GLRM minus the true upper surface, and minus the ideal map [m], NaN where it is not confident."""
     sure = verdict.glrm.confidence >= CONFIDENT
     ideal = truth_of_map(verdict.reference.glrm)
-    surface = np.where(sure & verdict.surface.known, verdict.glrm.height - verdict.surface.height_m, np.nan)
+    surface = np.where(sure & verdict.surface.known, verdict.glrm.visible - verdict.surface.height_m, np.nan)
     rule = np.where(sure & ideal.known, verdict.glrm.height - ideal.height_m, np.nan)
     return surface.astype(np.float32), rule.astype(np.float32)

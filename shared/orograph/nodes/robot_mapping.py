@@ -217,7 +217,7 @@ class RobotMappingNode:
             **{f"hrm_{name}": layer for name, layer in hrm.layers()},
             "hrm_origin_m": np.array(hrm.grid.origin_m),
             "hrm_cell_m": np.array(hrm.grid.cell_m),
-            "initial_hrm_height": self._initial_hrm.height,
+            "initial_hrm_height": self._initial_hrm.visible,
             "initial_hrm_origin_m": np.array(self._initial_hrm.grid.origin_m),
         }
 

@@ -124,7 +124,7 @@ def _timeline(parts: RunParts) -> Picture | None:
 def _glrm_surfaces(verdict: Verdict, extent: tuple[float, ...]) -> tuple[Picture, Picture]:
     """Where the robots were: over a whole district what they changed would be too small to see."""
     grid, shown = maps.window_of(verdict.glrm.grid, extent)
-    first, last = verdict.prior.height[shown], verdict.glrm.height[shown]
+    first, last = verdict.prior.visible[shown], verdict.glrm.visible[shown]
     limits = surfaces.height_limits(first, last)
     times = _exaggeration(grid)
     told = f"Heights [m] drawn {times:g} times too tall." if times != 1 else "Heights [m], true proportions."
@@ -145,8 +145,8 @@ def _glrm_surfaces(verdict: Verdict, extent: tuple[float, ...]) -> tuple[Picture
 def _changes(parts: RunParts, verdict: Verdict, extent: tuple[float, ...]) -> Picture:
     robot = parts.robots[0]
     local = parts.hrm(robot)
-    own = None if local is None else (local.grid, local.height - prior_over(verdict.prior, local.grid).height)
-    return maps.changes(verdict.glrm.grid, verdict.glrm.height - verdict.prior.height, extent, robot, own)
+    own = None if local is None else (local.grid, local.visible - prior_over(verdict.prior, local.grid).visible)
+    return maps.changes(verdict.glrm.grid, verdict.glrm.visible - verdict.prior.visible, extent, robot, own)
 
 
 def _surface_changes(verdict: Verdict, extent: tuple[float, ...]) -> Picture | None:
@@ -163,7 +163,7 @@ def _exaggeration(grid: Grid) -> float:
 def _hrm_surfaces(parts: RunParts) -> tuple[Picture | None, Picture | None]:
     robot = parts.robots[0]
     first, last = parts.initial_hrm_height(robot), parts.hrm(robot)
-    layers = [*([first[1]] if first else []), *([last.height] if last else [])]
+    layers = [*([first[1]] if first else []), *([last.visible] if last else [])]
     limits = surfaces.height_limits(*layers) if layers else (0.0, 1.0)
     one = two = None
     if first is not None:
@@ -183,7 +183,7 @@ def _final_hrm(robot: str, hrm: CellMap, limits: tuple[float, float]) -> Picture
         f"as the laser "
         "saw them, and what it never saw keeps the prior. Heights [m]."
     )
-    relief = Relief(hrm.grid, hrm.height.astype(np.float64))
+    relief = Relief(hrm.grid, hrm.visible.astype(np.float64))
     return surfaces.surface(
         relief, limits, caption, f"Oblique view of {robot}'s final local height map with sharp walls."
     )

@@ -7,9 +7,10 @@ from importlib import resources
 
 import jinja2
 
-from orograph.judge.score import CONFIDENCE_BINS, OCCUPIED, SHARES
+from orograph.judge.score import CONFIDENCE_BINS, SHARES
 from orograph.judge.summary import Verdict
 from orograph.judge.timing import PAPER_ROBOTS, PAPER_TABLE_3_S, table_2
+from orograph.layers import OCCUPIED
 from orograph.report.gallery import gallery
 from orograph.report.study import mapping_times
 from orograph.storage.parts import RunParts

@@ -108,7 +108,7 @@ class RunParts:
                 yield robot, hrm
 
     def initial_hrm_height(self, robot: str) -> tuple[Grid, Layer] | None:
-        """Grid and height layer of a robot's HRM before its first scan."""
+        """Grid and visible surface [m] of a robot's HRM before its first scan."""
         arrays = self.of(keys.MAPPING, robot)
         if "initial_hrm_height" not in arrays:
             return None

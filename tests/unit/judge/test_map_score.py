@@ -175,3 +175,11 @@ def test_of_two_layers_the_top_counts_on_roofs_with_its_own_confidence():
     assert sorted(records["confidence"][records["roof"]].tolist()) == [70.0, 70.0, 70.0, 200.0]
     cells.confidence_top[3, 3] = 10.0
     assert not confident(cells, true)[3, 3] and confident(cells, true).sum() == 35
+
+
+def test_from_above_a_top_is_seen_where_it_bars() -> None:
+    cells = CellMap.unknown(Grid((0.0, 0.0), 5.0, (1, 3)))
+    cells.height[:], cells.occupation[:] = 2.0, [[0.1, 1.0, np.nan]]
+    assert cells.visible.tolist() == [[2.0, 2.0, 2.0]]
+    tops = CellMap(cells.grid, {**cells.by_name, "height_top": np.array([[9.0, 8.0, 7.0]], np.float32)})
+    assert tops.visible.tolist() == [[2.0, 8.0, 2.0]]
