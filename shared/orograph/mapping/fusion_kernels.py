@@ -48,17 +48,20 @@ def newer_wins(c_old: float, c_new: float, printed: bool) -> bool:
 
 
 @njit(cache=True)
-def real4(cell: Any) -> Any:
-    """(height, gradient_x, gradient_y, occupation) of a cell's values, as float64."""
-    slopes = np.float64(cell[GRADIENT_X]), np.float64(cell[GRADIENT_Y])
-    return np.float64(cell[HEIGHT]), slopes[0], slopes[1], np.float64(cell[OCCUPATION])
+def real4(values: Any, cell: Any) -> Any:
+    """(height, gradient_x, gradient_y, occupation) of one row of values (n, WIDTH), as float64.
+
+    Rows are named by their number: numba would count the references of a view of one, which costs more than to fuse.
+    """
+    slopes = np.float64(values[cell, GRADIENT_X]), np.float64(values[cell, GRADIENT_Y])
+    return np.float64(values[cell, HEIGHT]), slopes[0], slopes[1], np.float64(values[cell, OCCUPATION])
 
 
 @njit(cache=True, error_model="numpy")
 def fuse_pair(old: Any, c_old: float, new: Any, c_new: float, rules: Any) -> Any:
-    """(height, gradient_x, gradient_y, occupation, confidence) of two cells, confidences decayed already."""
-    h1, gx1, gy1, o1 = real4(old)
-    h2, gx2, gy2, o2 = real4(new)
+    """(height, gradient_x, gradient_y, occupation, confidence) of two cells as `real4`, confidences decayed already."""
+    h1, gx1, gy1, o1 = old
+    h2, gx2, gy2, o2 = new
     if c_new <= 0.0:
         return h1, gx1, gy1, o1, c_old
     if c_old <= 0.0:
@@ -85,21 +88,24 @@ def fuse_cells(values: Any, ticks: Any, cells: Any, incoming: Any, incoming_tick
     """
     ages, decays = np.full(AGES_KEPT, -1, np.int64), np.empty(AGES_KEPT)
     for i in range(cells.shape[0]):
-        held, came = values[cells[i]], incoming[i]
-        age = np.int64(incoming_ticks[i]) - np.int64(ticks[cells[i]])
-        if held[CONFIDENCE] <= 0.0:
-            held[:] = came
-            ticks[cells[i]] = incoming_ticks[i]
+        cell = np.uint64(cells[i])
+        c_held, c_came = np.float64(values[cell, CONFIDENCE]), np.float64(incoming[i, CONFIDENCE])
+        age = np.int64(incoming_ticks[i]) - np.int64(ticks[cell])
+        if c_held <= 0.0:
+            for k in range(values.shape[1]):
+                values[cell, k] = incoming[i, k]
+            ticks[cell] = incoming_ticks[i]
             continue
-        if came[CONFIDENCE] <= 0.0:
+        if c_came <= 0.0:
             continue
         place = abs(age) % AGES_KEPT
         if ages[place] != abs(age):
             ages[place], decays[place] = abs(age), 2.0 ** (-abs(age) / rules.half_life_ms)
-        decay = decays[place]
+        decay, held, came = decays[place], real4(values, cell), real4(incoming, i)
         if age >= 0:
-            fused = fuse_pair(held, held[CONFIDENCE] * decay, came, np.float64(came[CONFIDENCE]), rules)
-            ticks[cells[i]] = incoming_ticks[i]
+            fused = fuse_pair(held, c_held * decay, came, c_came, rules)
+            ticks[cell] = incoming_ticks[i]
         else:
-            fused = fuse_pair(came, came[CONFIDENCE] * decay, held, np.float64(held[CONFIDENCE]), rules)
-        held[HEIGHT], held[GRADIENT_X], held[GRADIENT_Y], held[OCCUPATION], held[CONFIDENCE] = fused
+            fused = fuse_pair(came, c_came * decay, held, c_held, rules)
+        values[cell, HEIGHT], values[cell, GRADIENT_X], values[cell, GRADIENT_Y] = fused[0], fused[1], fused[2]
+        values[cell, OCCUPATION], values[cell, CONFIDENCE] = fused[3], fused[4]

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from orograph.layers import CONFIDENCE, OCCUPATION, OCCUPATION_ONE, UNKNOWN_OCCUPATION, WALL_SHARE
-from orograph.mapping.fusion_kernels import fuse_pair
+from orograph.mapping.fusion_kernels import fuse_pair, real4
 
 BARRED = OCCUPATION_ONE
 
@@ -21,13 +21,13 @@ def occupation_code(occupation: float) -> int:
 
 
 @njit(cache=True)
-def surface_code(own: Any, told_code: Any) -> Any:
+def surface_code(values: Any, cell: Any, told_code: Any) -> Any:
     """What was measured, where anything was: ground without a slope is free where it is told to be barred."""
-    if own[WALL_SHARE] <= 0.0 and own[CONFIDENCE] <= 0.0:
+    if values[cell, WALL_SHARE] <= 0.0 and values[cell, CONFIDENCE] <= 0.0:
         return told_code
-    if math.isnan(own[OCCUPATION]):
+    if math.isnan(values[cell, OCCUPATION]):
         return 0 if told_code >= BARRED else told_code
-    return occupation_code(np.float64(own[OCCUPATION]))
+    return occupation_code(np.float64(values[cell, OCCUPATION]))
 
 
 @njit(cache=True, error_model="numpy")
@@ -42,8 +42,6 @@ def planning_codes(
     another now, its unknown cells are. Both are brought up to date in place.
     """
     cols = codes.shape[1]
-    nothing = np.full(prior.shape[1], np.nan, np.float32)
-    nothing[CONFIDENCE] = 0.0
     for block in range(stale.shape[0]):
         block_row = block // (cols // factor)
         block_col = block - block_row * (cols // factor)
@@ -54,16 +52,18 @@ def planning_codes(
         if not known_too and told_codes[block] == told_code:
             continue
         stale[block], told_codes[block] = False, told_code
-        under = prior[row * glrm_shape[1] + col] if inside else nothing
+        told_cell = row * glrm_shape[1] + col if inside else 0
+        under, c_under = real4(prior, told_cell), np.float64(prior[told_cell, CONFIDENCE]) if inside else 0.0
         for r in range(block_row * factor, (block_row + 1) * factor):
             for c in range(block_col * factor, (block_col + 1) * factor):
-                own = values[r * cols + c]
+                cell = np.uint64(r * cols + c)
                 if rules.two_surfaces:
-                    codes[r, c] = surface_code(own, told_code)
-                elif own[CONFIDENCE] <= 0.0:
+                    codes[r, c] = surface_code(values, cell, told_code)
+                elif values[cell, CONFIDENCE] <= 0.0:
                     codes[r, c] = told_code
                 elif known_too:
-                    fused = fuse_pair(under, np.float64(under[CONFIDENCE]), own, np.float64(own[CONFIDENCE]), rules)
+                    own, c_own = real4(values, cell), np.float64(values[cell, CONFIDENCE])
+                    fused = fuse_pair(under, c_under, own, c_own, rules)
                     codes[r, c] = occupation_code(float(np.float32(fused[3])))
 
 

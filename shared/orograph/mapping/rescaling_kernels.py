@@ -40,37 +40,39 @@ def rescale_block(values: Any, ticks: Any, cols: int, factor: int, first: int, c
     the highest top, the mean confidence over the cells that show one, and the shares of the block; a block whose walls
     leave no more than FREE_SHARE_OPEN of it free is barred.
     """
-    top, of_top, seen_top, walls, free = math.nan, 0.0, 0, 0.0, 0.0
+    top: Any = -math.inf
+    of_top, seen_top, walls, free = 0.0, 0, 0.0, 0.0
     confidence, newest = 0.0, np.uint32(0)
     height = gradient_x = gradient_y = occupation = 0.0
     of_height = of_x = of_y = of_occupation = 0.0
     for row in range(factor):
-        for cell in range(first + row * cols, first + row * cols + factor):
-            wall = np.float64(values[cell, WALL_SHARE])
-            walls, free = walls + wall, free + np.float64(values[cell, FREE_SHARE])
-            if values[cell, CONFIDENCE_TOP] > 0.0:
-                of_top, seen_top = of_top + np.float64(values[cell, CONFIDENCE_TOP]), seen_top + 1
-                top = np.float64(values[cell, HEIGHT_TOP]) if math.isnan(top) else max(top, values[cell, HEIGHT_TOP])
-                newest = max(newest, ticks[cell])
-            c = np.float64(values[cell, CONFIDENCE])
+        begin = first + row * cols
+        for at in range(begin, begin + factor):
+            cell = np.uint64(at)
+            wall, free_too = np.float64(values[cell, WALL_SHARE]), np.float64(values[cell, FREE_SHARE])
+            walls, free = walls + wall, free + free_too
+            c_top, c = np.float64(values[cell, CONFIDENCE_TOP]), np.float64(values[cell, CONFIDENCE])
+            if c_top > 0.0:
+                of_top, seen_top = of_top + c_top, seen_top + 1
+                top, newest = max(top, np.float64(values[cell, HEIGHT_TOP])), max(newest, ticks[cell])
             if c <= 0.0 or wall >= 1.0:
                 continue
-            h, gx = values[cell, HEIGHT], values[cell, GRADIENT_X]
-            gy, o = values[cell, GRADIENT_Y], values[cell, OCCUPATION]
-            confidence += c
             newest = max(newest, ticks[cell])
-            height, of_height = (height, of_height) if math.isnan(h) else (height + c * h, of_height + c)
-            gradient_x, of_x = (gradient_x, of_x) if math.isnan(gx) else (gradient_x + c * gx, of_x + c)
-            gradient_y, of_y = (gradient_y, of_y) if math.isnan(gy) else (gradient_y + c * gy, of_y + c)
-            if not math.isnan(o):
-                occupation, of_occupation = occupation + c * o, of_occupation + c
-            elif values[cell, FREE_SHARE] > 0.0:
-                of_occupation += c  # flat, and too little of it seen to have a slope
+            h, gx = np.float64(values[cell, HEIGHT]), np.float64(values[cell, GRADIENT_X])
+            gy, o = np.float64(values[cell, GRADIENT_Y]), np.float64(values[cell, OCCUPATION])
+            confidence += c
+            height, of_height = height + (c * h if h == h else 0.0), of_height + (c if h == h else 0.0)
+            gradient_x, of_x = gradient_x + (c * gx if gx == gx else 0.0), of_x + (c if gx == gx else 0.0)
+            gradient_y, of_y = gradient_y + (c * gy if gy == gy else 0.0), of_y + (c if gy == gy else 0.0)
+            # Flat, and too little of it seen to have a slope: no occupation, but not nothing.
+            flat = (o != o) & (free_too > 0.0)
+            occupation += c * o if o == o else 0.0
+            of_occupation += c if (o == o) | flat else 0.0
     coarse[HEIGHT], coarse[GRADIENT_X] = height / of_height, gradient_x / of_x  # 0 / 0: unknown in every cell
     coarse[GRADIENT_Y], coarse[OCCUPATION] = gradient_y / of_y, occupation / of_occupation
     size = factor * factor
     coarse[CONFIDENCE], coarse[WALL_SHARE], coarse[FREE_SHARE] = confidence / size, walls / size, free / size
-    coarse[HEIGHT_TOP], coarse[CONFIDENCE_TOP] = top, of_top / max(seen_top, 1)
+    coarse[HEIGHT_TOP], coarse[CONFIDENCE_TOP] = top if seen_top else math.nan, of_top / max(seen_top, 1)
     sure = coarse[CONFIDENCE_TOP] >= TOP_SURE
     shows = walls > 0.0 and (sure or walls > WALL_SHARE_FEW * size)
     rim = walls if walls <= WALL_SHARE_RIM * size else 0.0

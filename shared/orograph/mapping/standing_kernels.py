@@ -23,7 +23,7 @@ from orograph.layers import (
     OCCUPATION,
     WALL_SHARE,
 )
-from orograph.mapping.fusion_kernels import AGES_KEPT, fuse_pair
+from orograph.mapping.fusion_kernels import AGES_KEPT, fuse_pair, real4
 from orograph.mapping.surface_kernels import FLAT, NEITHER, STEP
 
 MISSED_BY_RAY = 0.2
@@ -32,31 +32,39 @@ RUN = 256
 
 
 @njit(cache=True)
-def settle(held: Any, standing: float, slope_max: float) -> None:
+def settle(values: Any, cell: Any, standing: float, slope_max: float) -> None:
     """Bring a fine cell's top, shares and occupation in line with its counter and ground, in place."""
     if standing > 0.0:
-        held[WALL_SHARE], held[FREE_SHARE], held[OCCUPATION] = 1.0, 0.0, 1.0
+        values[cell, WALL_SHARE], values[cell, FREE_SHARE], values[cell, OCCUPATION] = 1.0, 0.0, 1.0
         return
-    held[HEIGHT_TOP], held[CONFIDENCE_TOP], held[WALL_SHARE] = math.nan, 0.0, 0.0
-    held[FREE_SHARE] = 1.0
-    gx, gy = np.float64(held[GRADIENT_X]), np.float64(held[GRADIENT_Y])
+    values[cell, HEIGHT_TOP], values[cell, CONFIDENCE_TOP], values[cell, WALL_SHARE] = math.nan, 0.0, 0.0
+    values[cell, FREE_SHARE] = 1.0
+    gx, gy = np.float64(values[cell, GRADIENT_X]), np.float64(values[cell, GRADIENT_Y])
     share = math.sqrt(gx * gx + gy * gy) / slope_max
-    held[OCCUPATION] = 1.0 if share > 1.0 else share
+    values[cell, OCCUPATION] = 1.0 if share > 1.0 else share
 
 
 @njit(cache=True)
-def fuse_ground(held: Any, c_held: float, came: Any, rules: Any) -> None:
-    """Fuse the ground of a newer cell into `held`, whose confidence has decayed to `c_held`, in place."""
-    ground = fuse_pair(held, c_held, came, np.float64(came[CONFIDENCE]), rules)
-    held[HEIGHT], held[GRADIENT_X], held[GRADIENT_Y], _, held[CONFIDENCE] = ground
+def put_ground(values: Any, cell: Any, ground: Any) -> None:
+    """Set a cell's ground to what `fuse_pair` gave; occupation is not of the ground alone."""
+    values[cell, HEIGHT], values[cell, GRADIENT_X], values[cell, GRADIENT_Y] = ground[0], ground[1], ground[2]
+    values[cell, CONFIDENCE] = ground[4]
 
 
 @njit(cache=True)
-def raise_top(held: Any, came: Any) -> None:
+def fuse_ground(values: Any, cell: Any, c_held: float, incoming: Any, i: Any, rules: Any) -> None:
+    """Fuse the ground of a newer `incoming[i]` into a cell whose confidence has decayed to `c_held`, in place."""
+    came = real4(incoming, i)
+    put_ground(values, cell, fuse_pair(real4(values, cell), c_held, came, np.float64(incoming[i, CONFIDENCE]), rules))
+
+
+@njit(cache=True)
+def raise_top(values: Any, cell: Any, incoming: Any, i: Any) -> None:
     """The top is at least as high as the highest of it that was seen; what is seen of it adds up."""
-    if not held[CONFIDENCE_TOP] > 0.0 or came[HEIGHT_TOP] > held[HEIGHT_TOP]:
-        held[HEIGHT_TOP] = came[HEIGHT_TOP]
-    held[CONFIDENCE_TOP] = min(255.0, np.float64(held[CONFIDENCE_TOP]) + np.float64(came[CONFIDENCE_TOP]))
+    c_held, came_m = values[cell, CONFIDENCE_TOP], incoming[i, HEIGHT_TOP]
+    if not c_held > 0.0 or came_m > values[cell, HEIGHT_TOP]:
+        values[cell, HEIGHT_TOP] = came_m
+    values[cell, CONFIDENCE_TOP] = min(255.0, np.float64(c_held) + np.float64(incoming[i, CONFIDENCE_TOP]))
 
 
 @njit(cache=True, error_model="numpy")
@@ -69,23 +77,23 @@ def fuse_scan(
     """
     ages, decays = np.full(AGES_KEPT, -1, np.int64), np.empty(AGES_KEPT)
     for i in range(cells.shape[0]):
-        cell = cells[i]
-        held, came = values[cell], incoming[i]
+        cell = np.uint64(cells[i])
         age: Any = max(np.int64(tick) - np.int64(ticks[cell]), 0)
         place = (age // 100) % AGES_KEPT
         if ages[place] != age:
             ages[place], decays[place] = age, 2.0 ** (-age / rules.half_life_ms)
-        held[CONFIDENCE_TOP] *= decays[place]
-        fuse_ground(held, held[CONFIDENCE] * decays[place], came, rules)
+        values[cell, CONFIDENCE_TOP] *= decays[place]
+        fuse_ground(values, cell, values[cell, CONFIDENCE] * decays[place], incoming, i, rules)
         ticks[cell] = max(ticks[cell], tick)
+        count = standing[cell]
         if kinds[i] == STEP:
-            standing[cell] = min(standing[cell] + 1.0, MOST)
-            if standing[cell] > 0.0:
-                raise_top(held, came)
+            standing[cell] = count = min(count + 1.0, MOST)
+            if count > 0.0:
+                raise_top(values, cell, incoming, i)
         elif kinds[i] == FLAT:
-            standing[cell] = max(standing[cell] - 1.0, -MOST)
-        if kinds[i] != NEITHER or (standing[cell] <= 0.0 and held[CONFIDENCE] > 0.0):
-            settle(held, standing[cell], rules.slope_max)
+            standing[cell] = count = max(count - 1.0, -MOST)
+        if kinds[i] != NEITHER or (count <= 0.0 and values[cell, CONFIDENCE] > 0.0):
+            settle(values, cell, count, rules.slope_max)
 
 
 @njit(cache=True)
@@ -120,7 +128,7 @@ def clear_passed(values: Any, standing: Any, cells: Any, passes: Any, slope_max:
         cell = cells[i]
         standing[cell] = max(standing[cell] - MISSED_BY_RAY * passes[i], -MOST)
         if standing[cell] <= 0.0:
-            settle(values[cell], standing[cell], slope_max)
+            settle(values, cell, standing[cell], slope_max)
             freed[n] = cell
             n += 1
     return freed[:n]
@@ -133,50 +141,41 @@ def fuse_surfaces(values: Any, ticks: Any, cells: Any, incoming: Any, incoming_t
     Ground is fused; of what stands, the cell's own knowledge holds, and where it has none, what came.
     """
     for i in range(cells.shape[0]):
-        held, came, cell = values[cells[i]], incoming[i], cells[i]
-        if held[CONFIDENCE] <= 0.0 and held[WALL_SHARE] <= 0.0:
-            held[:] = came
+        cell = cells[i]
+        if values[cell, CONFIDENCE] <= 0.0 and values[cell, WALL_SHARE] <= 0.0:
+            values[cell] = incoming[i]
             ticks[cell] = incoming_ticks[i]
             continue
         age = np.int64(ticks[cell]) - np.int64(incoming_ticks[i])
         decay = 2.0 ** (-abs(age) / rules.half_life_ms)
-        occupation = held[OCCUPATION]
+        occupation = values[cell, OCCUPATION]
         if age <= 0:
-            held[CONFIDENCE_TOP] *= decay
-            fuse_ground(held, held[CONFIDENCE] * decay, came, rules)
+            values[cell, CONFIDENCE_TOP] *= decay
+            fuse_ground(values, cell, values[cell, CONFIDENCE] * decay, incoming, i, rules)
             ticks[cell] = incoming_ticks[i]
-        elif came[CONFIDENCE] > 0.0:
-            older = came.copy()
-            older[CONFIDENCE] *= decay
-            own = np.float64(held[CONFIDENCE])
-            ground = fuse_pair(older, np.float64(older[CONFIDENCE]), held, own, rules)
-            held[HEIGHT], held[GRADIENT_X], held[GRADIENT_Y], _, held[CONFIDENCE] = ground
-        held[OCCUPATION] = came[OCCUPATION] if math.isnan(occupation) else occupation
+        elif incoming[i, CONFIDENCE] > 0.0:
+            c_older, own = np.float64(np.float32(incoming[i, CONFIDENCE] * decay)), np.float64(values[cell, CONFIDENCE])
+            put_ground(values, cell, fuse_pair(real4(incoming, i), c_older, real4(values, cell), own, rules))
+        values[cell, OCCUPATION] = incoming[i, OCCUPATION] if math.isnan(occupation) else occupation
 
 
 @njit(cache=True, error_model="numpy")
-def lay_over(under: Any, own: Any, rules: Any, out: Any) -> None:
-    """A cell's own evidence over the prior `under` it, into `out` (WIDTH,): the prior gives way to what was measured.
+def lay_map_over(under: Any, own: Any, rules: Any, out: Any) -> None:
+    """Own evidence (n, WIDTH) over the prior `under` it, into `out`: the prior gives way to what was measured.
 
     Of the prior's confidence there remains what it has more than the measurement.
     """
-    out[:] = own
-    left = np.float64(under[CONFIDENCE]) - max(np.float64(own[CONFIDENCE]), 0.0)
-    if left > 0.0:
-        ground = fuse_pair(under, left, own, np.float64(own[CONFIDENCE]), rules)
-        out[HEIGHT], out[GRADIENT_X], out[GRADIENT_Y], _, out[CONFIDENCE] = ground
-    if own[WALL_SHARE] > 0.0 or own[FREE_SHARE] > 0.0:
-        if math.isnan(own[OCCUPATION]):
-            gx, gy = np.float64(out[GRADIENT_X]), np.float64(out[GRADIENT_Y])
-            share = math.sqrt(gx * gx + gy * gy) / rules.slope_max
-            out[OCCUPATION] = 0.0 if math.isnan(share) else min(1.0, share)  # flat, without a slope
-        return
-    out[HEIGHT_TOP], out[CONFIDENCE_TOP] = under[HEIGHT_TOP], under[CONFIDENCE_TOP]
-    out[WALL_SHARE], out[FREE_SHARE], out[OCCUPATION] = under[WALL_SHARE], under[FREE_SHARE], under[OCCUPATION]
-
-
-@njit(cache=True)
-def lay_map_over(under: Any, own: Any, rules: Any, out: Any) -> None:
-    """`lay_over` for maps (n, WIDTH)."""
     for i in range(own.shape[0]):
-        lay_over(under[i], own[i], rules, out[i])
+        out[i] = own[i]
+        left, c_own = np.float64(under[i, CONFIDENCE]), np.float64(own[i, CONFIDENCE])
+        left -= max(c_own, 0.0)
+        if left > 0.0:
+            put_ground(out, i, fuse_pair(real4(under, i), left, real4(own, i), c_own, rules))
+        if own[i, WALL_SHARE] > 0.0 or own[i, FREE_SHARE] > 0.0:
+            if math.isnan(own[i, OCCUPATION]):
+                gx, gy = np.float64(out[i, GRADIENT_X]), np.float64(out[i, GRADIENT_Y])
+                share = math.sqrt(gx * gx + gy * gy) / rules.slope_max
+                out[i, OCCUPATION] = 0.0 if math.isnan(share) else min(1.0, share)  # flat, without a slope
+            continue
+        for k in (HEIGHT_TOP, CONFIDENCE_TOP, WALL_SHARE, FREE_SHARE, OCCUPATION):
+            out[i, k] = under[i, k]
