@@ -222,6 +222,20 @@ def test_what_cannot_be_read_is_said_with_the_file(tmp_path: Path, name: str) ->
     assert words in str(error.value) and file in str(error.value) and "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(("name", "at"), [("tile.las", 100), ("tile.las", 243), ("tile.laz", "chunks")])
+def test_a_header_that_promises_billions_is_not_believed(tmp_path: Path, name: str, at: int | str) -> None:
+    recordings.las(tmp_path / name, POINTS)
+    raw = bytearray((tmp_path / name).read_bytes())
+    if at == "chunks":
+        points_at = int.from_bytes(raw[96:100], "little")
+        at = int.from_bytes(raw[points_at : points_at + 8], "little") + 4
+    assert isinstance(at, int)
+    raw[at : at + 4] = b"\xff" * 4
+    (tmp_path / name).write_bytes(raw)
+    with pytest.raises(ScanError, match="tells of more records than there are"):
+        open_scans(tmp_path / name)
+
+
 def test_bags_without_the_topic_or_the_frame_list_what_there_is(tmp_path: Path) -> None:
     bags.mcap(tmp_path / "odom.mcap", [bags.odometry(1, "odom", "base", np.eye(4))])
     bags.mcap(tmp_path / "far.mcap", [bags.odometry(1, "odom", "base", np.eye(4)), bags.cloud(1, "lidar", POINTS[:4])])

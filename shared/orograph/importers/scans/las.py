@@ -5,19 +5,22 @@ from __future__ import annotations
 import math
 import struct
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from orograph.importers.scans.scan import Scan, ScanError
 from orograph.importers.scans.trajectory import Trajectory
 
-CHUNK = 1_000_000
+CHUNK_BYTES = 2**26
+"""Points are unpacked so much at a time: a million and more of the usual ones."""
 METRE = 1.0
+PACKED = 0x80
+"""In the point format: the points are those of a LAZ file."""
 
 
 class LasFile:
-    """One file as parts of CHUNK points, each with its coordinates in metres."""
+    """One file as parts of CHUNK_BYTES, each with its points' coordinates in metres."""
 
     trajectory: Trajectory | None = None
 
@@ -25,23 +28,27 @@ class LasFile:
         """Raises ScanError for what is no LAS."""
         self.path, self.in_map = path, in_map
         with _opened(path) as file:
-            self._points = int(file.header.point_count)
+            self._points: int = int(file.header.point_count)
+            self._chunk: int = max(1, CHUNK_BYTES // file.header.point_format.size)
             self.crs, self._metres, unit = _frame(path, file.header)
         self.note = f"coordinates and heights were in {unit}: brought to metres, the CRS left out" if unit else ""
         if not self._points:
             raise ScanError(f"{path}: holds no points")
 
     def __len__(self) -> int:
-        return math.ceil(self._points / CHUNK)
+        return math.ceil(self._points / self._chunk)
 
     def __getitem__(self, index: int) -> Scan:
         with _opened(self.path) as file:
             try:
-                file.seek(index * CHUNK)
-                chunk = file.read_points(CHUNK)
-            except Exception as error:  # laspy and its decoders raise whatever their parts raise
-                raise ScanError(f"{self.path}: points from {index * CHUNK} on: {error}; is it cut off?") from None
-        wanted = min(CHUNK, self._points - index * CHUNK)
+                if index:
+                    file.seek(index * self._chunk)
+                chunk = file.read_points(self._chunk)
+            except (KeyboardInterrupt, SystemExit):
+                raise
+            except BaseException as error:  # laspy raises whatever its parts do, and a panic of lazrs is no Exception
+                raise ScanError(f"{self.path}: points from {index * self._chunk} on: {error}; is it cut off?") from None
+        wanted = min(self._chunk, self._points - index * self._chunk)
         if len(chunk) != wanted:
             raise ScanError(f"{self.path}: {self._points} points promised; it is cut off after {len(chunk)} of a part")
         return Scan(np.column_stack([chunk.x, chunk.y, chunk.z]) * self._metres)
@@ -62,16 +69,31 @@ def _opened(path: Path) -> Any:
 
 
 def _sound(path: Path) -> None:
-    """Raises ScanError for a header that promises more records than the file is long: laspy would look for them all."""
+    """Raises ScanError for a file that promises more records than it is long: the libraries would make room for all."""
+    size = path.stat().st_size
     with path.open("rb") as stream:
         head = stream.read(375)
-    if len(head) < 227:
-        raise ScanError(f"{path}: no LAS that can be read: {len(head)} bytes; it is cut off")
-    header_size, points_at, records = struct.unpack_from("<HII", head, 94)
-    later = struct.unpack_from("<QI", head, 235) if head[25] >= 4 and len(head) == 375 else (0, 0)
-    ends = header_size + 54 * records, points_at, later[0] + 60 * later[1]
-    if ends[0] > points_at or max(ends) > path.stat().st_size:
+        if len(head) < 227:
+            raise ScanError(f"{path}: no LAS that can be read: {len(head)} bytes; it is cut off")
+        header_size, points_at, records = struct.unpack_from("<HII", head, 94)
+        later = struct.unpack_from("<QI", head, 235) if head[25] >= 4 and len(head) == 375 else (0, 0)
+        chunks = _laz_chunks(stream, points_at) if head[104] & PACKED else 0
+    ends = header_size + 54 * records, points_at, later[0] + 60 * later[1], chunks
+    if ends[0] > points_at or max(ends) > size:
         raise ScanError(f"{path}: no LAS that can be read: its header tells of more records than there are")
+
+
+def _laz_chunks(stream: BinaryIO, points_at: int) -> int:
+    """How many packed chunks there are, of which each takes a byte or more; 0 where the table is not to be found."""
+    stream.seek(points_at)
+    table_at = int.from_bytes(stream.read(8), "little", signed=True)
+    if table_at == -1:
+        stream.seek(-8, 2)
+        table_at = int.from_bytes(stream.read(8), "little", signed=True)
+    if table_at < 0:
+        return 0
+    stream.seek(table_at + 4)
+    return int.from_bytes(stream.read(4), "little")
 
 
 def _frame(path: Path, header: Any) -> tuple[str, float, str]:
