@@ -11,12 +11,15 @@ import viser
 from orograph.arrays import F64
 from orograph.console.colours import linear_bytes, robot_rgb
 from orograph.console.film import RADIO, YAW, Film, row_at
+from orograph.grid import Grid
 from orograph.scene.bodies import vehicle_box
 
 TRAIL_POINTS = 300
 SILENT_RGB = (150, 60, 60)
 LINK_RGB = (70, 160, 220)
 SHADOW_RGB = (95, 30, 110)
+PICKED_RGB = (255, 60, 160)
+FRAME = ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
 VEHICLE_RGB = (240, 180, 40)
 NO_SEGMENTS: F64 = np.zeros((0, 2, 3))
 
@@ -86,6 +89,15 @@ class Actors:
                 self._scene.add_box(f"/shadows/{i}", SHADOW_RGB, (x1 - x0, y1 - y0, 24.0), opacity=0.22,
                                     position=(x, y, z), cast_shadow=False, receive_shadow=False)  # fmt: skip
         return node
+
+    def mark(self, grid: Grid, cell: tuple[int, int] | None, height_m: float) -> None:
+        """Draw a frame round a cell at its height, or none."""
+        corners = NO_SEGMENTS
+        if cell is not None and math.isfinite(height_m):
+            (x, y), half = grid.centre_m(*cell), grid.cell_m / 2
+            ring = [(x + dx * half, y + dy * half, height_m + 0.3) for dx, dy in FRAME]
+            corners = np.array(list(pairwise(ring)))
+        self._draw("/picked", [(corners, PICKED_RGB)], 4.0)
 
     def show(self, film: Film, stamp_ns: int, shown: frozenset[str]) -> None:
         """Put everything where it was at a time; `shown` names what else than robots is wanted."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import socket
 import threading
 import time
@@ -105,6 +106,7 @@ class Page:
             if state != self._looked:
                 self._look, self._looked = self._looker.look(film, stamp_ns, wanted), state
                 self._relief.show(self._look, scale)
+            self._actors.mark(self._grid, self._picked, self._height_m(self._picked))
             self._actors.show(film, stamp_ns, self._controls.shown)
             self._controls.head(words.headline(film, self._look, stamp_ns, self._timeline.pace(film, now_s)))
             if now_s - self._worded_s >= WORDS_S or self._controls.changed:
@@ -114,6 +116,9 @@ class Page:
                     overview(film, self._look, scale, stamp_ns), self._cell(film),
                 )  # fmt: skip
         self._cameras.follow(film, stamp_ns)
+
+    def _height_m(self, cell: tuple[int, int] | None) -> float:
+        return math.nan if cell is None else float(self._controls.scale.surface(self._look)[cell])
 
     def _cell(self, film: Film) -> str:
         if self._picked is None:

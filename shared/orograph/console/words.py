@@ -17,6 +17,7 @@ from orograph.report.palette import robot_colour
 
 EVENTS_SHOWN = 9
 LEGEND_STEPS = 12
+UNKNOWN = "unknown"
 BOX = "padding:0 0.8em 0.4em;font-size:12px;line-height:1.45"
 QUIET = "opacity:0.65"
 NO_CELL = f"<div style='{BOX}'>Click the map: its cell tells its layers here. Ctrl-click: fly there.</div>"
@@ -90,14 +91,14 @@ def cell(grid: Grid, row: int, col: int, cells: CellMap, look: Look, changed_ns:
     """One cell with all its layers, as HTML."""
     x, y = grid.centre_m(row, col)
     changed = int(changed_ns[row * grid.cols + col])
-    lines = [(name, _value(float(layer[row, col])), KINDS[name].unit) for name, layer in cells.layers()]
+    lines = [(name, _value(float(layer[row, col])), _short(KINDS[name].unit)) for name, layer in cells.layers()]
     lines += [
         ("surface, as believed at first", _value(float(look.prior_m[row, col])), "m"),
         ("surface, in truth", _value(float(look.truth_m[row, col])), "m"),
         ("changed last", "never, this is the prior" if changed < 0 else clock(changed), ""),
     ]
     table = "".join(
-        f"<tr><td style='{QUIET}'>{escape(name)}</td><td>{escape(value)} {escape(unit)}</td></tr>"
+        f"<tr><td style='{QUIET}'>{escape(name)}</td><td>{escape(value)} {escape('' if value == UNKNOWN else unit)}</td></tr>"
         for name, value, unit in lines
     )
     return (
@@ -124,5 +125,10 @@ def _step(step: Step) -> str:
     )
 
 
+def _short(unit: str) -> str:
+    """A unit; a range of values is none."""
+    return unit if unit.startswith("m") else ""
+
+
 def _value(value: float) -> str:
-    return "unknown" if np.isnan(value) else f"{value:.3g}" if abs(value) < 100 else f"{value:.1f}"
+    return UNKNOWN if np.isnan(value) else f"{value:.3g}" if abs(value) < 100 else f"{value:.1f}"
