@@ -31,7 +31,7 @@ from orograph.storage.sqlite_store import SqliteStore
 from rich.console import Console
 from rich.table import Table
 
-TOLD = ("contact", "robot-tipped", "gave-up", "grounded")
+TOLD = ("contact", "robot-tipped", "gave-up", "wheels-spin")
 """Events that a line is printed for."""
 
 

@@ -12,7 +12,7 @@ from orograph.messages import SECOND_NS, Mission, OccupancyGrid, Pose, RobotStat
 from orograph.navigation.ekf import PoseFilter
 from orograph.navigation.follower import STOP, Command, Follower
 from orograph.navigation.guide import Guide
-from orograph.navigation.recovery import STALLED_S, STUCK_S, Recovery, StuckWatch
+from orograph.navigation.recovery import STALLED_S, STUCK_S, Recovery, StuckWatch, WheelWatch
 from orograph.navigation.return_path import ReturnPath
 from orograph.navigation.tour import Tour
 from orograph.node import Note
@@ -51,6 +51,7 @@ class Navigator:
         self._return = ReturnPath(scenario.base_station_m)
         self._follower = Follower(scenario.robot)
         self._pushing, self._stalled = StuckWatch(STUCK_S), StuckWatch(STALLED_S)
+        self._wheels, self._spun = WheelWatch(), False
         self._planned_ns = self._blocked_ns = self._leg_end_ns = -1
         self._finished_mission = 0
 
@@ -63,6 +64,7 @@ class Navigator:
             self.pose.start(x, y, z, heading, START_SIGMA_M, START_YAW_SIGMA_RAD)
         ground_m = self.ground_m(self.pose.x_m, self.pose.y_m) if self.pose.started else None
         self.pose.update(sensors, ground_m)
+        self._wheels.take(sensors)
         return self.pose.pose(sensors.stamp_ns)
 
     def ground_m(self, x_m: float, y_m: float) -> float | None:
@@ -95,6 +97,9 @@ class Navigator:
 
     def step(self, now_ns: int, note: Note) -> Command:
         """The command for this frame."""
+        if self._wheels.spinning and not self._spun:
+            note("wheels-spin", {"x_m": round(self.pose.x_m, 1), "y_m": round(self.pose.y_m, 1)})
+        self._spun = self._wheels.spinning
         if now_ns >= self._scenario.duration_max_s * SECOND_NS:
             self.tour.flush = True
         if self.pose.position_sigma_m > DRIVE_SIGMA_M or not self.guide.sees(now_ns):
@@ -200,6 +205,7 @@ class Navigator:
         if abs(command.v_mps) < 0.1 and abs(command.yaw_rate_radps) < 0.2:
             self._pushing.reset()
         stuck = self._pushing.expired(now_ns, *place)
+        stuck |= self._wheels.spinning
         return self._stalled.expired(now_ns, *place) or stuck or now_ns > self._leg_end_ns
 
     def _escape(self, now_ns: int, note: Note) -> None:
@@ -227,6 +233,7 @@ class Navigator:
         behind = self.guide.free_behind(self.pose.x_m, self.pose.y_m, self.pose.yaw_rad)
         command = self.recovery.command(now_ns, behind)
         if not self.recovery.active:
+            self._wheels = WheelWatch()
             self._planned_ns = self._blocked_ns = -1
             self._pushing.reset()
             self._stalled.reset()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from orograph.geometry import wrap_angle
-from orograph.messages import SECOND_NS
+from orograph.messages import SECOND_NS, Sensors
 from orograph.navigation.follower import STOP, Command
 
 STUCK_S = 3.0
@@ -14,6 +14,9 @@ STALLED_S = 8.0
 """In one place for so long with a goal ahead: what it waits for does not go away."""
 MOVED_M, TURNED_RAD = 0.4, 0.3
 """Less than both of these is one place."""
+DIFFERENTIAL = 2
+SPUN_M, SPUN_MOVED_M = 2.0, 0.5
+"""Wheels that have rolled so far, ahead less back, while the robot has not come so far, spin."""
 ATTEMPTS_MAX = 3
 ESCAPED_M = 6.0
 """This far from where it was stuck the robot has recovered."""
@@ -42,6 +45,27 @@ class StuckWatch:
         assert self._anchor is not None
         _, x, y, yaw = self._anchor
         return math.hypot(x - x_m, y - y_m) > MOVED_M or abs(wrap_angle(yaw_rad - yaw)) > TURNED_RAD
+
+
+class WheelWatch:
+    """Tells when wheels turn and the robot stays, on its belly or without grip; only differential GPS can say."""
+
+    def __init__(self) -> None:
+        self._turned_m, self._last_ns = 0.0, 0
+        self._anchor: tuple[int, float, float] | None = None
+        self.spinning = False
+
+    def take(self, sensors: Sensors) -> None:
+        """One frame's sensors; `spinning` holds until the robot has moved or its wheels have turned back."""
+        if sensors.gps_quality < DIFFERENTIAL:
+            self._anchor, self.spinning = None, False
+            return
+        stamp_ns, x_m, y_m = here = sensors.stamp_ns, sensors.gps_x_m, sensors.gps_y_m
+        if self._anchor is None or math.dist(self._anchor[1:], (x_m, y_m)) > SPUN_MOVED_M:
+            self._anchor, self._turned_m, self._last_ns = here, 0.0, stamp_ns
+        self._turned_m += sensors.odometry_v_mps * (stamp_ns - self._last_ns) / SECOND_NS
+        self._last_ns = stamp_ns
+        self.spinning = abs(self._turned_m) > SPUN_M
 
 
 class Recovery:

@@ -165,7 +165,21 @@ def timeline(events: Sequence[Mapping[str, Any]], lanes: Sequence[str], end_s: f
 
 
 TROUBLE = frozenset(
-    ("stuck", "gave-up", "fenced", "store-full", "rejected", "robot-lost", "died", "restarted", "killed", "fault")
+    (
+        "stuck",
+        "gave-up",
+        "wheels-spin",
+        "contact",
+        "robot-tipped",
+        "fenced",
+        "store-full",
+        "rejected",
+        "robot-lost",
+        "died",
+        "restarted",
+        "killed",
+        "fault",
+    )
 )
 """Kinds of events that a reader should look at."""
 

@@ -1,6 +1,7 @@
 """Whole drives of the navigator node in a world of boxes: it arrives, hits nothing, waits, recovers or says so."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -143,6 +144,19 @@ def test_where_it_last_heard_the_radio_may_lie_in_the_shadow_by_now():
     ).run(60)
     assert 20 < world.x < 31 and abs(world.y - 12) < 3
     assert world.node._navigator.state == "done"
+
+
+@pytest.mark.parametrize("gps", [2, 1])
+def test_wheels_that_turn_on_the_spot_are_noticed_and_the_goal_given_up(gps):
+    """On its belly: odometry says 1 m/s, the world that nothing moves."""
+    node = NavigatorNode(Site(scenario_of([(60, 12)])), "robot_001", 1)
+    notes = []
+    for k in range(600):
+        spins = replace(still(k, gps if k > 50 else 2), odometry_v_mps=1.0 if k > 60 else 0.0)
+        heard = [spins, *(maps(k) if k % 4 == 0 else ()), *([mission(1, 0)] if k % 10 == 0 else ())]
+        notes += [kind for kind, _ in step(node, k, *heard)[1]]
+    assert ("wheels-spin" in notes) == (gps == 2)
+    assert gps == 1 or (notes.count("stuck") == 3 and "gave-up" in notes)
 
 
 # --- the node's manners --------------------------------------------------------------------------------------------
