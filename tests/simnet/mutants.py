@@ -103,10 +103,10 @@ class FoldInOrderOfArrival(ManagerSync):
         def onto_the_map(cells, news):
             if not hasattr(ledger, "glrm"):
                 return folded(cells, news)
-            prior, rows = ledger._prior, ledger._rows
-            ledger._prior, ledger._rows = ledger.glrm, {}
+            prior, rows = ledger.prior, ledger._rows
+            ledger.prior, ledger._rows = ledger.glrm, {}
             out = folded(cells, news)
-            ledger._prior, ledger._rows = prior, rows
+            ledger.prior, ledger._rows = prior, rows
             return out
 
         ledger.folded = onto_the_map

@@ -24,7 +24,7 @@ def newest_per_cell(rows: Packed) -> Packed:
 
 
 class Ledger:
-    """Registers by robot number, the GLRM (`glrm`, CELL with versions) and when each cell became confident."""
+    """Registers by robot number, the `prior`, the GLRM (`glrm`, CELL with versions), when cells became confident."""
 
     def __init__(self, prior: Packed, size: int, rules: Rules, held: StoredState) -> None:
         self.prior, self._rules, self._size = whole_prior(prior, size), rules, size

@@ -159,7 +159,7 @@ def surface_changes(glrm: CellMap, changes: Sequence[SurfaceChange], extent: tup
         ):  # fmt: skip
             places = [(c.x_m, c.y_m) for c in changes if (c.to_top_m is None) == gone]
             x_m, y_m = np.array(places, np.float64).reshape(-1, 2).T
-            label = f"{word}: {len(places)} cells"
+            label = f"{word}: {len(places)}"
             axes.scatter(x_m, y_m, 36, colour, marker=marker, edgecolors=palette.PAPER, linewidths=0.7, label=label)
         axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0))
         _zoom(axes, extent)
