@@ -98,7 +98,8 @@ def cell(grid: Grid, row: int, col: int, cells: CellMap, look: Look, changed_ns:
         ("changed last", "never, this is the prior" if changed < 0 else clock(changed), ""),
     ]
     table = "".join(
-        f"<tr><td style='{QUIET}'>{escape(name)}</td><td>{escape(value)} {escape('' if value == UNKNOWN else unit)}</td></tr>"
+        f"<tr><td style='{QUIET}'>{escape(name)}</td>"
+        f"<td>{escape(value)} {escape('' if value == UNKNOWN else unit)}</td></tr>"
         for name, value, unit in lines
     )
     return (
