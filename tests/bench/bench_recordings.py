@@ -1,4 +1,4 @@
-"""`orograph map` from files to the map: KITTI scans of 120 000 points, uppermost ring first, read, placed and mapped."""
+"""`orograph map` from files to the map: KITTI scans of 120 000 points, uppermost ring first: read, placed, mapped."""
 
 from __future__ import annotations
 
