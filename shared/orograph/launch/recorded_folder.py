@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from orograph.exporters.chart import Chart
 from orograph.importers.scans.opened import Recording
 from orograph.launch.recorded import Mapped
 from orograph.report.recorded import render_map
@@ -16,7 +17,7 @@ def write_folder(out: Path, mapped: Mapped, recordings: list[Recording], rules: 
     told = mapped.told
     info = MapInfo(
         sources=tuple(name for name, _, _ in recordings), scans=told.scans, scans_without_pose=told.without_pose,
-        points=told.points, dropped=mapped.dropped, cells=int(mapped.cells.known.sum()),
+        points=told.points, dropped=mapped.dropped, cells=int(Chart(mapped.cells).known.sum()),
         cell_m=mapped.cells.grid.cell_m, rules=rules, crs=crs or recordings[0][1].crs,
         clock_restarts=mapped.clock_restarts, recorded_s=mapped.recorded_s, took_s=mapped.took_s,
         frame="map" if recordings[0][1].in_map else "sensor",

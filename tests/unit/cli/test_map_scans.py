@@ -41,7 +41,8 @@ def test_a_folder_of_scans_becomes_a_map_with_a_place(drive: Path, capsys: pytes
     )  # fmt: skip
     found = cells.grid.row_col(*(UTM_M + np.array([3.0, 4.0])))
     assert found is not None and cells.height[found] == pytest.approx(30.0, abs=1e-3)
-    assert cells.known.sum() == info.cells > 3000
+    stands = cells.by_name["confidence_top"] > 0
+    assert (cells.known | stands).sum() == info.cells > cells.known.sum() > 3000
     assert (out / "report.html").read_text().count('<img src="data:') == 2
 
 
