@@ -27,13 +27,13 @@ class FineBlocks:
 
     def keep(self, fine: Fine, window: Window, leaving: Mask) -> None:
         """Copy those blocks of the window that are `leaving` (blocks, blocks) and of which anything is known."""
-        values, ticks, standing = self._by_block(fine)
-        told = (values[..., [CONFIDENCE, CONFIDENCE_TOP, FREE_SHARE]] > 0).any(axis=(1, 3, 4))
-        for row, col in np.argwhere(leaving & told).tolist():
-            block = values[row, :, col].copy(), ticks[row, :, col].copy(), standing[row, :, col].copy()
-            place = window[0] + row, window[1] + col
+        rows, cols = np.nonzero(leaving)
+        values, ticks, standing = (layer[rows, :, cols] for layer in self._by_block(fine))
+        told = (values[..., [CONFIDENCE, CONFIDENCE_TOP, FREE_SHARE]] > 0).any(axis=(1, 2, 3))
+        for i in np.flatnonzero(told):
+            place = window[0] + int(rows[i]), window[1] + int(cols[i])
             self._kept.pop(place, None)
-            self._kept[place] = block
+            self._kept[place] = values[i].copy(), ticks[i].copy(), standing[i].copy()
         while len(self._kept) > self._most:
             del self._kept[next(iter(self._kept))]
 
