@@ -45,8 +45,7 @@ def main(args: argparse.Namespace) -> int:
 
     bbox = parse_bbox(args.bbox)
     crs, area = local_crs(bbox), _area(bbox)
-    if args.out.exists() and (not args.out.is_dir() or any(args.out.iterdir())):
-        raise InputError(f"--out {args.out}: not an empty folder; name a new one or remove it")
+    made.require_new(args.out)
     if not 1 <= args.robots <= 100 or not 1 <= (args.waypoints or 1) <= 2000:
         raise InputError("--robots must be 1..100 and --waypoints 1..2000")
     with Console(stderr=True).status(f"reading {args.file.name}") as status:
@@ -67,10 +66,8 @@ def main(args: argparse.Namespace) -> int:
         waypoints = args.waypoints or made.waypoints_for(len(points), SPACING_M)
         content = made.content(args.out.name, crs, area, standing.walls, points, args.robots, waypoints)
     notes = {**standing.notes, **({"building parts not read": extract.parts} if extract.parts else {})}
-    try:
-        made.write(args.out, content, standing.walls, bbox[:2], notes)
-    except OSError as error:
-        raise InputError(f"--out {args.out}: cannot be written ({error.strerror})") from None
+    told = made.readme(content["title"], bbox[:2], notes)
+    made.write(args.out, content, made.buildings(standing.walls), told)
     print(f"{args.out}: {len(standing.walls)} buildings, {len(content['patrol'])} waypoints, "
           f"{len(content['starts'])} starts, {content['duration_max_s']} s at most")  # fmt: skip
     for what, count in notes.items():

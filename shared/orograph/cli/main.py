@@ -12,6 +12,7 @@ from orograph.cli import (
     doctor,
     explain,
     export,
+    fleet,
     import_osm,
     map_scans,
     report,
@@ -32,7 +33,8 @@ def parser() -> argparse.ArgumentParser:
         prog="orograph", description="Robots with 3D lasers build one layered 2.5D map together, over links that drop."
     )
     subparsers = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for command in (run, view, status, revoke, study, report, explain, rerun, import_osm, map_scans, export, doctor):
+    making, looking = (import_osm, fleet, map_scans, export), (study, report, explain, rerun)
+    for command in (run, view, status, revoke, *looking, *making, doctor):
         command.add_parser(subparsers)
     return top
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import shapely
 import yaml
 
 from orograph.arrays import F64
+from orograph.errors import InputError
 from orograph.importers.district import Polygons
 from orograph.importers.spread import spread
 from orograph.layers import Layer
@@ -76,9 +77,9 @@ def content(
     return {
         **ground,
         "duration_max_s": duration_s(net_m, robots),
-        "starts": [_start(*points[i]) for i in starts],
-        "base_station_m": _xy(points[corner]),
-        "patrol": [_xy(points[i]) for i in patrol],
+        "starts": [start(*points[i]) for i in starts],
+        "base_station_m": xy(points[corner]),
+        "patrol": [xy(points[i]) for i in patrol],
     }
 
 
@@ -89,8 +90,8 @@ def duration_s(net_m: float, robots: int) -> int:
 
 def _roads(ground: dict[str, Any], walls: Polygons, points: F64) -> DrivingDistances:
     draft = Scenario.model_validate(
-        {**ground, "robots": 1, "buildings": buildings(walls), "patrol": [_xy(points[0])],
-         "base_station_m": _xy(points[0]), "starts": [_start(*points[0])]}
+        {**ground, "robots": 1, "buildings": buildings(walls), "patrol": [xy(points[0])],
+         "base_station_m": xy(points[0]), "starts": [start(*points[0])]}
     )  # fmt: skip
     occupation: Layer = unpack(prior_records(draft), draft.grid.grid).occupation
     return DrivingDistances(occupation, draft.grid.grid)
@@ -100,12 +101,14 @@ def _places(points: F64) -> list[tuple[float, float]]:
     return [(float(x), float(y)) for x, y, _ in points]
 
 
-def _start(x_m: float, y_m: float, heading_rad: float) -> dict[str, float]:
+def start(x_m: float, y_m: float, heading_rad: float) -> dict[str, float]:
+    """A start as a scenario spells it."""
     x_m, y_m, heading_deg = round(float(x_m), 1), round(float(y_m), 1), round(math.degrees(heading_rad))
     return {"x_m": x_m, "y_m": y_m, "heading_deg": heading_deg}
 
 
-def _xy(point: F64) -> list[float]:
+def xy(point: F64) -> list[float]:
+    """A place as a scenario spells it, of which `point` has x and y [m] first."""
     return [round(float(point[0]), 1), round(float(point[1]), 1)]
 
 
@@ -115,21 +118,32 @@ def buildings(walls: Polygons) -> list[dict[str, Any]]:
     return [{"footprint": ring, "height_m": height} for ring, height in rings]
 
 
-def write(out: Path, scenario: dict[str, Any], walls: Polygons, origin_deg: tuple[float, float],
-          notes: Mapping[str, int]) -> None:  # fmt: skip
-    """Write scenario.yaml, buildings.json and README.md into `out`; raises OSError."""
-    out.mkdir(parents=True, exist_ok=True)
-    lines = ",\n ".join(json.dumps(building) for building in buildings(walls))
-    (out / "buildings.json").write_text(f"[\n {lines}\n]\n")
+def require_new(out: Path) -> None:
+    """Raises InputError where `out` holds anything already."""
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(f"--out {out}: not an empty folder; name a new one or remove it")
+
+
+def write(out: Path, scenario: dict[str, Any], houses: list[dict[str, Any]], told: Iterable[str]) -> None:
+    """Write scenario.yaml, buildings.json and a README.md of these paragraphs into `out`; raises InputError."""
+    lines = ",\n ".join(json.dumps(house) for house in houses)
     values = {**scenario, "buildings": {"file": "buildings.json"}}
     text = yaml.safe_dump(values, sort_keys=False, allow_unicode=True, default_flow_style=None)
-    (out / "scenario.yaml").write_text(f"# yaml-language-server: $schema=../scenario.schema.json\n{text}")
-    told = "".join(f"- {what}: {n}\n" for what, n in notes.items())
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "buildings.json").write_text(f"[\n {lines}\n]\n")
+        (out / "scenario.yaml").write_text(f"# yaml-language-server: $schema=../scenario.schema.json\n{text}")
+        (out / "README.md").write_text("\n\n".join(told).rstrip() + "\n")
+    except OSError as error:
+        raise InputError(f"--out {out}: cannot be written ({error.strerror})") from None
+
+
+def readme(title: str, origin_deg: tuple[float, float], notes: Mapping[str, int]) -> Iterator[str]:
+    """What a README.md says of a district, by paragraphs; `notes` count what the import guessed or left out."""
     place = f"longitude {origin_deg[0]}, latitude {origin_deg[1]} (WGS 84)"
-    parts = [
-        f"# {scenario['title']}",
-        f"The map frame's origin is {place}; `crs` in scenario.yaml is the frame itself.",
-        f"The data is {ATTRIBUTION}.",
-        *(["What the import guessed or left out, in buildings:", told] if told else []),
-    ]
-    (out / "README.md").write_text("\n\n".join(parts).rstrip() + "\n")
+    yield f"# {title}"
+    yield f"The map frame's origin is {place}; `crs` in scenario.yaml is the frame itself."
+    yield f"The data is {ATTRIBUTION}."
+    if notes:
+        yield "What the import guessed or left out, in buildings:"
+        yield "".join(f"- {what}: {n}\n" for what, n in notes.items())
