@@ -56,7 +56,8 @@ def test_robots_and_vehicles_keep_off_walls_and_each_other(scenario: Scenario, w
         loop = shapely.LinearRing(vehicle.loop)
         assert _nearest_m(walls, [loop]) >= 0.5 * vehicle.size_m[1] + 0.3
         assert min(map(loop.distance, starts)) >= 0.5 * vehicle.size_m[1] + 1
-    pairs = shapely.STRtree(starts).query(starts, predicate="dwithin", distance=20)
+    spread_m = 0.6 * math.sqrt(scenario.grid.rows * scenario.grid.cols / len(starts)) * scenario.grid.cell_m
+    pairs = shapely.STRtree(starts).query(starts, predicate="dwithin", distance=spread_m)
     assert len(pairs[0]) == len(starts)  # each is near itself alone
 
 
