@@ -20,6 +20,7 @@ from orograph.cli import (
     revoke,
     run,
     status,
+    store,
     study,
     view,
 )  # fmt: skip
@@ -34,7 +35,7 @@ def parser() -> argparse.ArgumentParser:
     )
     subparsers = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
     making, looking = (import_osm, fleet, map_scans, export), (study, report, explain, rerun)
-    for command in (run, view, status, revoke, *looking, *making, doctor):
+    for command in (run, view, status, revoke, store, *looking, *making, doctor):
         command.add_parser(subparsers)
     return top
 

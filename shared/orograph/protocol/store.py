@@ -29,6 +29,10 @@ class StoreFailed(StoreError):  # noqa: N818
 class StoreDamaged(StoreError):  # noqa: N818
     """The store is not ours or not whole; it is refused and left as it is."""
 
+    def __init__(self, path: object, why: str) -> None:
+        super().__init__(f"{path}: {why}. The file is kept as it is; move it away to start with an empty map.")
+        self.why = why
+
 
 class StoreBusy(StoreError):  # noqa: N818
     """Another process holds the store; nothing is wrong with it."""

@@ -13,7 +13,7 @@ import json
 import sqlite3
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +80,16 @@ def _primary_code(error: sqlite3.Error) -> int | None:
     return None if code is None else code & 0xFF
 
 
+def said_shape(path: Path) -> tuple[int, int] | None:
+    """(rows, cols) of the map that a store says it holds, not verified; None where it says nothing of the kind."""
+    try:
+        with closing(sqlite3.connect(path)) as db:
+            rows, cols = db.execute("select rows, cols from map").fetchone()
+            return int(rows), int(cols)
+    except Exception:  # as in opening: a flipped bit shows as anything
+        return None
+
+
 class SqliteStore:
     """Implements `protocol.store.Store` on the file `path` for a map of `shape`; one process at a time.
 
@@ -109,7 +119,7 @@ class SqliteStore:
             raise self._unopened(error) from error
 
     def _refusal(self, why: str) -> StoreDamaged:
-        return StoreDamaged(f"{self._path}: {why}. The file is kept as it is; move it away to start with an empty map.")
+        return StoreDamaged(self._path, why)
 
     def _unopened(self, error: Exception) -> StoreError:
         match _primary_code(error) if isinstance(error, sqlite3.Error) else None:
