@@ -7,7 +7,7 @@ import pytest
 from orograph.judge import reference
 from orograph.judge.reference import Reference
 from orograph.layers import BASIC_LAYERS, CONFIDENT
-from orograph.scenario import RadioSpec, Scenario
+from orograph.scenario import PriorSpec, RadioSpec, Scenario
 from orograph.scene import build_scene
 from orograph.sensing.truth import top_surface
 
@@ -41,6 +41,7 @@ def made(built: Reference, monkeypatch: pytest.MonkeyPatch) -> list[Scenario]:
 @pytest.mark.parametrize(
     ("change", "times"),
     [({"seed": 77}, 1), ({"title": "Another", "radio": RadioSpec(loss=0.2)}, 1), ({"robots": 1}, 2),
+     ({"prior": PriorSpec(confidence=0)}, 1), ({"prior": PriorSpec(ground_error_m=0.4, missing=0.5)}, 1),
      ({"rules": "paper"}, 2), ({"patrol": ((60.0, 10.0), (110.0, 110.0))}, 2)],
 )  # fmt: skip
 def test_only_what_moves_the_reference_makes_it_anew(
