@@ -47,7 +47,7 @@ def mutant(service: str, file: str) -> Mapping[str, Any]:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One mission with one nemesis; of a mutant, `caught_by` is the invariant that it breaks and that must say so."""
+    """One mission with one nemesis; of a mutant, `caught_by` are the invariants of which one must say so."""
 
     name: str
     what: str
@@ -55,7 +55,7 @@ class Experiment:
     wishes: Mapping[str, str] = field(default_factory=dict)
     overlay: Mapping[str, Any] = field(default_factory=dict)
     healthy: tuple[str, ...] = ()
-    caught_by: str = ""
+    caught_by: tuple[str, ...] = ()
 
 
 OTHER = ("robot_002",)
@@ -92,10 +92,11 @@ EXPERIMENTS = (
     Experiment("F27a", "storm, seed 1", n.storm, {**SLOW, "SEED": "1"}),
     Experiment("F27b", "storm, seed 2", n.storm, {**SLOW, "SEED": "2"}),
     Experiment("F27c", "storm, seed 3", n.storm, {**SLOW, "SEED": "3"}),
+    # A robot may offer its cells again before anyone misses them; that the versions went back stays to be seen.
     Experiment("M1", "MUTANT: acknowledges before it commits", n.manager_killed((200,)), SLOW,
-               overlay=mutant(keys.MANAGER, "late_store.py"), caught_by="1"),
+               overlay=mutant(keys.MANAGER, "late_store.py"), caught_by=("1", "4")),
     Experiment("M2", "MUTANT: forgets unsent cells on reconnect", n.router_down(8.0, 300), PACED,
-               overlay=mutant(keys.MAPPING, "forgetful.py"), caught_by="3"),
+               overlay=mutant(keys.MAPPING, "forgetful.py"), caught_by=("3",)),
 )  # fmt: skip
 
 

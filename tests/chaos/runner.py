@@ -48,7 +48,7 @@ def carry_out(experiment: Experiment, keep: Path | None = None) -> Verdict:
     found = list(violations(evidence))
     figures = {**measure(evidence), "total_s": round(time.monotonic() - begin_s, 1)}
     mutant = experiment.caught_by
-    ok = any(v.startswith(f"{mutant}:") for v in found) if mutant else not found
+    ok = any(v.split(":")[0] in mutant for v in found) if mutant else not found
     return {**verdict, "ok": ok, "caught_by": mutant, "violations": found, "figures": figures}
 
 
