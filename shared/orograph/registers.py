@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from numpy.lib.recfunctions import require_fields
 
 from orograph.arrays import I64, Mask
 from orograph.grid import Grid
 from orograph.layers import MAPPED, MAPPED_LAYERS, WIDTH, CellMap, Layer, holds_nothing
-from orograph.messages import UPDATE, Packed
+from orograph.messages import ROBOT_REGISTER, UPDATE, Packed
 from orograph.register_kernels import put_whole_numbers
 
 _STEP = np.array([kind.step for kind in MAPPED])
@@ -26,6 +27,13 @@ def pack(cells: npt.NDArray[Any], tick_ms: npt.ArrayLike, values: npt.ArrayLike)
     records["cell"], records["tick"] = cells, tick_ms
     put_whole_numbers(np.asarray(values), _STEP, _LOWEST, _HIGHEST, UNKNOWN, records)
     return records
+
+
+def of_robot(number: int, records: Packed) -> Packed:
+    """ROBOT_REGISTERs (n,) of a robot from its UPDATEs or REGISTERs (n,), epoch 0 where they name none."""
+    named: Packed = require_fields(records, ROBOT_REGISTER)
+    named["robot"] = number
+    return named
 
 
 def has_evidence(records: Packed) -> Mask:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.lib.recfunctions import require_fields
 
 from orograph.arrays import F64, I64
 from orograph.messages import CELL, Packed
@@ -77,10 +78,7 @@ class MapCourse:
     """The map at the time last asked for: goes forward by what changed since, back by beginning anew."""
 
     def __init__(self, prior: Packed) -> None:
-        self._prior = np.zeros(len(prior), CELL)
-        for name in CELL.names or ():
-            if name != "version":
-                self._prior[name] = prior[name]
+        self._prior: Packed = require_fields(prior, CELL)
         self._restart()
 
     def _restart(self) -> None:
@@ -96,7 +94,6 @@ class MapCourse:
         until = int(np.searchsorted(changes["stamp_ns"], stamp_ns, "right"))
         news = changes[self.taken : until]
         # Of a cell named more than once NumPy keeps the last, which is the newest.
-        for name in CELL.names or ():
-            self.cells[name][news["cell"]] = news[name]
+        self.cells[news["cell"]] = require_fields(news, CELL)
         self.changed_ns[news["cell"]] = news["stamp_ns"]
         self._stamp_ns, self.taken = stamp_ns, max(until, self.taken)

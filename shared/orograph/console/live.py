@@ -9,6 +9,7 @@ from functools import partial
 from typing import Final
 
 import numpy as np
+from numpy.lib.recfunctions import require_fields
 
 from orograph import keys
 from orograph.arrays import F64
@@ -35,6 +36,7 @@ from orograph.points import points_from_ranges
 from orograph.protocol.ledger import Ledger
 from orograph.protocol.overheard import OverheardMap
 from orograph.protocol.store import StoredState
+from orograph.registers import of_robot
 from orograph.rules import Rules
 from orograph.runtime.briefing import Briefing
 from orograph.scene.site import Site
@@ -139,27 +141,14 @@ class LiveFilm:
         told: Packed = batch.records[batch.records["cell"] < len(known)]
         held = known[told["cell"]]
         newer = (batch.epoch > held["epoch"]) | ((batch.epoch == held["epoch"]) & (told["seq"] > held["seq"]))
-        told = told[newer]
-        rows = np.zeros(len(told), REGISTER)
+        rows: Packed = require_fields(told[newer], REGISTER)
         rows["epoch"] = batch.epoch
-        for name in told.dtype.names or ():
-            rows[name] = told[name]
-        known[told["cell"]] = rows
+        known[rows["cell"]] = rows
 
     def _registers(self) -> Packed:
         with self._lock:
-            return self._named_registers()
-
-    def _named_registers(self) -> Packed:
-        rows = [np.zeros(0, ROBOT_REGISTER)]
-        for robot, known in self._rows.items():
-            kept = known[known["epoch"] > 0]
-            named = np.zeros(len(kept), ROBOT_REGISTER)
-            named["robot"] = keys.robot_number(robot)
-            for name in REGISTER.names or ():
-                named[name] = kept[name]
-            rows.append(named)
-        return np.concatenate(rows)
+            rows = [of_robot(keys.robot_number(r), known[known["epoch"] > 0]) for r, known in self._rows.items()]
+        return np.concatenate([np.zeros(0, ROBOT_REGISTER), *rows])
 
     def _take_scan(self, robot: str, seen: Scan | Pose) -> None:
         if robot not in self._scanned:

@@ -11,10 +11,10 @@ import numpy as np
 from orograph import keys
 from orograph.grid import Grid
 from orograph.judge import invariants
-from orograph.messages import ROBOT_REGISTER, UPDATE, Packed
+from orograph.messages import ROBOT_REGISTER, Packed
 from orograph.protocol.fold import fold_registers, whole_prior
 from orograph.protocol.tiles import map_hash
-from orograph.registers import has_evidence
+from orograph.registers import has_evidence, of_robot
 from orograph.rules import Rules
 from orograph.storage.parts import RunParts
 from orograph.storage.results import Contact, SurfaceChange
@@ -81,11 +81,7 @@ def read_ledger(parts: RunParts) -> Ledger:
 def _registers(robot: str, updates: Packed) -> Packed:
     """Those of a robot's UPDATEs that hold evidence."""
     live = updates[has_evidence(updates)]
-    out = np.zeros(len(live), ROBOT_REGISTER)
-    out["robot"] = keys.robot_number(robot)
-    for name in UPDATE.names or ():
-        out[name] = live[name]
-    return out
+    return of_robot(keys.robot_number(robot), live)
 
 
 def lost_cells(ledger: Ledger, robot: str) -> int:

@@ -21,9 +21,8 @@ from orograph.judge.provenance import code_digest
 from orograph.judge.route import patrol_poses
 from orograph.layers import BASIC_LAYERS, CONFIDENT, LAYERS, CellMap
 from orograph.mapping import RobotMapper
-from orograph.messages import ROBOT_REGISTER
 from orograph.protocol.fold import fold_registers, whole_prior
-from orograph.registers import unpack
+from orograph.registers import of_robot, unpack
 from orograph.rules import Rules
 from orograph.scenario import NavigationSensorsSpec, PriorSpec, RadioSpec, Scenario
 from orograph.scene import build_scene
@@ -106,11 +105,7 @@ def build(scenario: Scenario) -> Reference:
 
 def _glrm(scenario: Scenario, mapper: RobotMapper, given: tuple[Any, Any]) -> CellMap:
     grid = scenario.grid.grid
-    own = mapper.registers()
-    registers = np.zeros(len(own), ROBOT_REGISTER)
-    for name in own.dtype.names or ():
-        registers[name] = own[name]
-    registers["robot"] = 1
+    registers = of_robot(1, mapper.registers())
     prior = whole_prior(prior_records(scenario), grid.size)
     glrm = unpack(fold_registers(prior, registers, Rules.of(scenario.rules)), grid, *given)
     return CellMap(grid, {name: glrm.by_name[name] for name in LAYERS})

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from numpy.lib.recfunctions import require_fields
 
 from orograph.messages import CELL, Packed
 
@@ -26,10 +27,8 @@ class CellHistory:
         """Keep cells (n,) CELL, each named once, as they are from a time on; times rise."""
         if not len(cells):
             return
-        part = np.empty(len(cells), CHANGE)
+        part: Packed = require_fields(cells, CHANGE)
         part["stamp_ns"] = stamp_ns
-        for name in CELL.names or ():
-            part[name] = cells[name]
         self._parts.append(part)
         while self.nbytes > self._bytes_max and len(self._parts) > 1:
             self._parts = [newest(self._parts[i : i + 2]) for i in range(0, len(self._parts), 2)]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from numpy.lib.recfunctions import require_fields
 
 from orograph import keys
 from orograph.geometry import laser_position_m, ray_directions, rotation
@@ -204,10 +205,8 @@ class RobotMappingNode:
 
     def _acknowledged(self) -> Packed:
         held = self._sync.acknowledged
-        updates = np.zeros(len(held), UPDATE)
-        for name in UPDATE.names or ():
-            updates[name] = held[name]
-        return updates[has_evidence(held)]
+        updates: Packed = require_fields(held[has_evidence(held)], UPDATE)
+        return updates
 
     def _hrm_artifacts(self) -> dict[str, npt.NDArray[Any]]:
         if self._initial_hrm is None:

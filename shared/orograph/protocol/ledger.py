@@ -12,7 +12,7 @@ from orograph.messages import REGISTER, ROBOT_REGISTER, Packed
 from orograph.protocol.fold import fold, same_values, whole_prior
 from orograph.protocol.store import CONFIDENT as CONFIDENT_RECORD
 from orograph.protocol.store import StoredState
-from orograph.registers import has_evidence
+from orograph.registers import has_evidence, of_robot
 from orograph.rules import Rules
 
 
@@ -110,16 +110,8 @@ class Ledger:
 
     def registers(self) -> Packed:
         """All registers as ROBOT_REGISTER records, by robot number, then cell."""
-        rows = {robot: self.row(robot) for robot in self._rows}
-        out = np.zeros(sum(map(len, rows.values())), ROBOT_REGISTER)
-        begin = 0
-        for robot, row in rows.items():
-            part = out[begin : begin + len(row)]
-            part["robot"] = robot
-            for name in REGISTER.names or ():
-                part[name] = row[name]
-            begin += len(row)
-        return out
+        rows = [of_robot(robot, self.row(robot)) for robot in self._rows]
+        return np.concatenate([np.zeros(0, ROBOT_REGISTER), *rows])
 
     @property
     def confident_cells(self) -> int:

@@ -8,10 +8,11 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.lib.recfunctions import require_fields
 
 from orograph.arrays import I64
 from orograph.keys import robot_id, robot_number
-from orograph.messages import ACKED, REGISTER, UPDATE, Ack, Batch, CellsRequest, Fenced, Hello, Message, Packed
+from orograph.messages import ACKED, REGISTER, Ack, Batch, CellsRequest, Fenced, Hello, Message, Packed
 from orograph.node import Note
 from orograph.protocol.changes import SurfaceWatch
 from orograph.protocol.downlink import Downlink, SendTo
@@ -309,10 +310,8 @@ class ManagerSync:
 
 
 def _in_epoch(batch: Batch) -> Packed:
-    rows = np.zeros(len(batch.records), REGISTER)
+    rows: Packed = require_fields(batch.records, REGISTER)
     rows["epoch"] = batch.epoch
-    for name in UPDATE.names or ():
-        rows[name] = batch.records[name]
     return rows
 
 

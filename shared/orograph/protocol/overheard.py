@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
+from numpy.lib.recfunctions import require_fields
 
-from orograph.layers import MAPPED_LAYERS
 from orograph.messages import CELL, Delta, Packed
 
 
@@ -16,10 +15,7 @@ class OverheardMap:
     """
 
     def __init__(self, prior: Packed) -> None:
-        self.cells = np.zeros(len(prior), CELL)
-        self.cells["cell"] = prior["cell"]
-        for name in MAPPED_LAYERS:
-            self.cells[name] = prior[name]
+        self.cells: Packed = require_fields(prior, CELL)
         self._manager_epoch = 0
 
     def catch_up(self, glrm: Packed, manager_epoch: int) -> None:
