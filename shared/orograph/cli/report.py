@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from orograph.errors import InputError
-
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Declare the command's options."""
@@ -21,11 +19,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
 def main(args: argparse.Namespace) -> int:
     """Compose the folder anew and say where the report is; raises InputError for a folder without a run."""
     from orograph.report.folder import compose  # heavy: only once there is something to do
-    from orograph.storage.run_folder import REPORT, FolderError
+    from orograph.storage.run_folder import REPORT
 
-    try:
-        compose(args.folder)
-    except FolderError as error:
-        raise InputError(str(error)) from None
+    compose(args.folder)
     print(args.folder / REPORT)
     return 0

@@ -6,7 +6,6 @@ import argparse
 import threading
 from pathlib import Path
 
-from orograph.errors import InputError
 from orograph.launch.processes import free_port
 
 
@@ -25,13 +24,9 @@ def main(args: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C; raises InputError for a folder without a run, or a port that is taken."""
     from orograph.console.page import Page, open_server  # heavy: only once there is something to show
     from orograph.console.played import played
-    from orograph.storage.run_folder import FolderError
 
     port = free_port(args.port)
-    try:
-        film = played(args.folder)
-    except FolderError as error:
-        raise InputError(str(error)) from None
+    film = played(args.folder)
     page = Page(open_server("127.0.0.1", port), lambda: film)
     print(f"{film.title}: {page.url}   (Ctrl-C ends it)", flush=True)
     page.run(threading.Event())

@@ -13,11 +13,10 @@ from orograph.mapping.cells import map_of, values_of
 from orograph.messages import Packed
 from orograph.nodes.cell_history import CHANGE, newest
 from orograph.registers import unpack, values
-from orograph.scenario import Scenario
-from orograph.storage.parts import read_parts
+from orograph.storage.parts import read_parts, read_scenario
 from orograph.storage.recorded_map import MapInfo, read_map
 from orograph.storage.results import RunInfo
-from orograph.storage.run_folder import GLRM, MAP, MAP_INFO, SCENARIO, FolderError, read_text
+from orograph.storage.run_folder import GLRM, MAP, MAP_INFO
 
 TIMES_MAX = 1000
 
@@ -54,12 +53,9 @@ def chart_of(folder: Path, name: str | None, crs: str) -> tuple[str, Chart]:
     if not path.is_file():
         held = ", ".join(sorted(p.stem for p in folder.glob("*.npz"))) or "none"
         raise InputError(f"{folder}: no map {name}; it holds {held}: is it the folder of a finished run?")
-    try:
-        if recorded:
-            return name, Chart(read_map(path), crs or MapInfo.read(folder).crs)
-        scenario = Scenario.model_validate_json(read_text(folder, SCENARIO))
-        place = (0.0, 0.0) if crs else scenario.crs_origin_m
-        end_ns = round(RunInfo.read(folder).sim_time_s * 1e9)
-        return name, Chart(read_map(path), crs or scenario.crs, place, end_ns)
-    except FolderError as error:
-        raise InputError(str(error)) from None
+    if recorded:
+        return name, Chart(read_map(path), crs or MapInfo.read(folder).crs)
+    scenario = read_scenario(folder)
+    place = (0.0, 0.0) if crs else scenario.crs_origin_m
+    end_ns = round(RunInfo.read(folder).sim_time_s * 1e9)
+    return name, Chart(read_map(path), crs or scenario.crs, place, end_ns)

@@ -24,7 +24,7 @@ from orograph.scenario import Scenario
 from orograph.scene.prior import prior_records
 from orograph.storage.copied_state import whole_copy
 from orograph.storage.parts import read_scenario
-from orograph.storage.run_folder import SCENARIO, STORE, FolderError, whole_file
+from orograph.storage.run_folder import SCENARIO, STORE, whole_file
 from orograph.storage.sqlite_store import SqliteStore
 
 CURE = (
@@ -82,7 +82,7 @@ def restore(file: Path, out: Path, force: bool) -> Restored:
 
     A store that is damaged is moved aside, and one that a manager holds is left alone.
     """
-    scenario, store = _scenario(out), out / STORE
+    scenario, store = read_scenario(out), out / STORE
     with _copy_of(file, scenario, NO_CURE) as (copy, kept), _locked(store, scenario.grid.grid.shape) as there:
         lost = () if there is None else tuple(_lost(there, kept.held))
         if lost and not force:
@@ -108,13 +108,6 @@ def _locked(store: Path, shape: tuple[int, int]) -> Iterator[StoredState | None]
         yield there
 
 
-def _scenario(out: Path) -> Scenario:
-    try:
-        return read_scenario(out)
-    except FolderError as error:
-        raise InputError(str(error)) from None
-
-
 @contextmanager
 def _copy_of(place: Path, scenario: Scenario | None = None, cure: str = CURE) -> Iterator[tuple[Path, Kept]]:
     """A whole copy of the store of a run folder, or of a file, in a folder that goes away."""
@@ -122,7 +115,7 @@ def _copy_of(place: Path, scenario: Scenario | None = None, cure: str = CURE) ->
     if not path.is_file():
         raise InputError(f"{path} is not there: name a run folder with a store, or a store's file")
     if scenario is None and path.name == STORE and (path.parent / SCENARIO).exists():
-        scenario = _scenario(path.parent)
+        scenario = read_scenario(path.parent)
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / STORE
         try:

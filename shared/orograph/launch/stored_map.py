@@ -20,7 +20,7 @@ from orograph.rules import Rules
 from orograph.scenario import Scenario
 from orograph.scene.prior import prior_records
 from orograph.storage.parts import read_scenario
-from orograph.storage.run_folder import STORE, FolderError, node_file, write_arrays
+from orograph.storage.run_folder import STORE, node_file, read_arrays, write_arrays
 from orograph.storage.sqlite_store import SqliteStore
 
 
@@ -43,10 +43,7 @@ class StoredMap:
 @contextmanager
 def stored_map(out: Path) -> Iterator[StoredMap]:
     """What the run folder `out` holds; raises InputError where it holds no map, RunError where that cannot be had."""
-    try:
-        scenario = read_scenario(out)
-    except FolderError as error:
-        raise InputError(str(error)) from None
+    scenario = read_scenario(out)
     grid = scenario.grid.grid
     if not (out / STORE).exists():
         raise InputError(f"{out / STORE} is not there: the run has not begun, or its store was not kept")
@@ -83,8 +80,7 @@ def _revise(artifacts: Path, ledger: Ledger, version: int, revoked: tuple[int, .
     """The manager's artifacts, where it left any, as of the ledger; `glrm_at_end` is what the robots have copies of."""
     if not artifacts.exists():
         return
-    with np.load(artifacts, allow_pickle=False) as left:
-        arrays = {name: left[name] for name in left.files}
+    arrays = read_arrays(artifacts)
     arrays.setdefault("glrm_at_end", arrays["glrm"])
     write_arrays(artifacts, arrays | {
         "glrm": ledger.glrm, "registers": ledger.registers(), "first_confident_ns": ledger.first_confident_ns,

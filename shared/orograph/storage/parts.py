@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -147,15 +146,7 @@ def _node_arrays(out: Path) -> Iterator[tuple[str, Arrays]]:
     for path in sorted(out.glob(run_folder.node_file("*"))):
         name = run_folder.node_of(path)
         if name is not None:
-            yield name, _arrays(path)
-
-
-def _arrays(path: Path) -> Arrays:
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
-            return {key: arrays[key] for key in arrays.files}
-    except (OSError, ValueError, EOFError, BadZipFile) as error:
-        raise run_folder.FolderError(f"{path}: cannot be read ({error}): it is cut short or damaged") from error
+            yield name, run_folder.read_arrays(path)
 
 
 def _stages(out: Path) -> Iterator[tuple[str, dict[str, I64]]]:

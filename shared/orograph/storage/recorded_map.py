@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import ClassVar, Literal
-from zipfile import BadZipFile
 
 import numpy as np
 
 from orograph.grid import Grid
 from orograph.layers import KINDS, CellMap
 from orograph.storage.results import Result
-from orograph.storage.run_folder import MAP, MAP_INFO, FolderError, write_arrays
+from orograph.storage.run_folder import MAP, MAP_INFO, FolderError, read_arrays, write_arrays
 
 
 class MapInfo(Result):
@@ -53,12 +52,12 @@ def write_map(out: Path, cells: CellMap) -> None:
 def read_map(path: Path) -> CellMap:
     """A map as `map_arrays` gives it; raises FolderError."""
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as held:
-            arrays = {name: held[name] for name in held.files}
+        arrays = read_arrays(path)
         x0, y0 = (float(v) for v in arrays["origin_m"])
         layers = {name: arrays[name].astype(np.float32) for name in arrays if name in KINDS}
         rows, cols = layers["height"].shape
         grid = Grid((x0, y0), float(arrays["cell_m"]), (rows, cols))
         return CellMap(grid, {**CellMap.unknown(grid).by_name, **layers})
-    except (OSError, ValueError, KeyError, AssertionError, BadZipFile) as error:
-        raise FolderError(f"{path}: no map that can be read ({type(error).__name__}: {error})") from None
+    except (FolderError, ValueError, KeyError, AssertionError) as error:
+        why = error.__cause__ or error
+        raise FolderError(f"{path}: no map that can be read ({type(why).__name__}: {why})") from None

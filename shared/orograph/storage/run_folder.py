@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
+from zipfile import BadZipFile
 
 import numpy as np
 import numpy.typing as npt
@@ -34,8 +35,8 @@ STUDY, STUDY_PAGE = "study.json", "study.html"
 _NODE = re.compile(r"(?:stages-)?(?P<service>[a-z-]+?)(?:-(?P<robot>robot_[0-9]{3}))?\.[a-z]+")
 
 
-class FolderError(ValueError):
-    """A folder that holds no run; the message says what is missing."""
+class FolderError(InputError):
+    """A folder that holds no run, or not a whole one; the message says what is missing."""
 
 
 def hrm_file(robot: str) -> str:
@@ -115,6 +116,15 @@ def write_whole(path: Path, text: str) -> None:
     """A text file, complete or not there."""
     with whole_file(path) as stream:
         stream.write(text.encode())
+
+
+def read_arrays(path: Path) -> dict[str, npt.NDArray[Any]]:
+    """What `write_arrays` wrote; raises FolderError where it cannot be read."""
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
+        raise FolderError(f"{path}: cannot be read ({error}): it is cut short or damaged") from error
 
 
 def write_arrays(path: Path, arrays: Mapping[str, npt.NDArray[Any]]) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from orograph.nodes.cell_history import CHANGE
 from orograph.registers import unpack
 from orograph.storage.parts import RunParts
 from orograph.storage.recorded_map import map_arrays
-from orograph.storage.run_folder import GLRM, write_arrays
+from orograph.storage.run_folder import GLRM, SCENARIO, write_arrays
 
 
 @pytest.fixture
@@ -96,3 +97,11 @@ def test_a_damaged_map_is_named(run_folder: Path, capsys: pytest.CaptureFixture[
     (run_folder / GLRM).write_bytes(b"PK\x03\x04")
     assert main(["export", str(run_folder), "--to", "npz"]) == 2
     assert "glrm.npz: no map that can be read" in capsys.readouterr().err
+
+
+def test_a_run_of_another_version_is_named(run_folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scenario = json.loads((run_folder / SCENARIO).read_text())
+    (run_folder / SCENARIO).write_text(json.dumps({**scenario, "rules": "default"}))
+    assert main(["export", str(run_folder), "--to", "npz"]) == 2
+    told = capsys.readouterr().err
+    assert "scenario.json: rules" in told and "another version" in told and told.count("\n") == 1
