@@ -153,9 +153,14 @@ class CellMap:
     @property
     def visible(self) -> Layer:
         """The surface (rows, cols) [m] that is seen from above: the top where something bars the cell, else ground."""
-        top = self.by_name.get("height_top", self.height)
         stands: npt.NDArray[np.bool_] = np.nan_to_num(self.occupation) >= OCCUPIED
-        return np.where(stands & np.isfinite(top), top, self.height)
+        return np.where(stands, self.tops, self.height)
+
+    @property
+    def tops(self) -> Layer:
+        """The upper surface (rows, cols) [m]: `height_top` where the map has that layer and knows it, else `height`."""
+        top = self.by_name.get("height_top", self.height)
+        return np.where(np.isfinite(top), top, self.height)
 
     def copy(self) -> CellMap:
         """A deep copy over the same grid."""

@@ -77,7 +77,7 @@ def main(args: argparse.Namespace) -> int:
     from orograph.launch.recorded_folder import write_folder
     from orograph.storage.run_folder import REPORT, new_folder
 
-    crs = known_crs(args.crs)
+    crs = metric_crs(args.crs)
     how = MapRules(*_bounds(args), Rules.of(args.rules))
     box = self_box(args.self_box)
     mount = sensor_pose(args.sensor_pose)
@@ -145,16 +145,15 @@ def self_box(text: str | None) -> tuple[float, ...]:
     return numbers
 
 
-def known_crs(text: str) -> str:
+def metric_crs(text: str) -> str:
     """A CRS in metres as it was given, empty for none; raises InputError for one that nobody knows."""
     if not text:
         return ""
-    from pyproj import CRS
-    from pyproj.exceptions import CRSError
+    from orograph.exporters.chart import known_crs
 
     try:
-        crs = CRS.from_user_input(text)
-    except CRSError:
+        crs = known_crs(text)
+    except InputError:
         raise InputError(f"--crs {text}: unknown; expected for instance EPSG:32635 or a PROJ string") from None
     if not crs.is_projected or crs.axis_info[0].unit_conversion_factor != 1:
         raise InputError(f"--crs {text}: not a projected CRS in metres; choose one, for instance a UTM zone")

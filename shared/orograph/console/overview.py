@@ -16,7 +16,7 @@ SIDE_PX = 480
 def overview(film: Film, look: Look, scale: Scale, stamp_ns: int) -> U1:
     """RGB (height, width, 3), north up: robots as discs in their colours, hollow where they have no radio."""
     grid = film.site.scenario.grid.grid
-    zoom = max(1, SIDE_PX // max(grid.shape))
+    zoom = _zoom(grid)
     picture = np.asarray(np.clip(scale.rgb(look), 0, 1) * 255, np.uint8).repeat(zoom, 0).repeat(zoom, 1)
     for i, robot in enumerate(film.robots):
         pose = film.pose(robot, stamp_ns)
@@ -42,5 +42,9 @@ def _disc(
 
 def blank(grid: Grid) -> U1:
     """A picture of nothing, in the size of `overview`."""
-    zoom = max(1, SIDE_PX // max(grid.shape))
-    return np.zeros((grid.rows * zoom, grid.cols * zoom, 3), np.uint8)
+    return np.zeros((grid.rows * _zoom(grid), grid.cols * _zoom(grid), 3), np.uint8)
+
+
+def _zoom(grid: Grid) -> int:
+    """Pixels on a cell's side."""
+    return max(1, SIDE_PX // max(grid.shape))

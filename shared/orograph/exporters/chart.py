@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from orograph.arrays import F32, F64, Mask
 from orograph.errors import InputError
 from orograph.grid import Grid
-from orograph.layers import KINDS, LAYERS, CellMap
+from orograph.layers import KINDS, CellMap
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,14 +35,6 @@ class Chart:
         told = self.cells.confidence > 0
         return told | (self.cells.by_name["confidence_top"] > 0) if "confidence_top" in self.cells.by_name else told
 
-    @property
-    def tops_m(self) -> F32:
-        """Heights (rows, cols) of the upper surface: of what stands where it is known, else of the ground."""
-        height = self.cells.height
-        if "height_top" not in self.cells.by_name:
-            return height
-        return np.where(np.isfinite(self.cells.height_top), self.cells.height_top, height)
-
     def layers(self) -> list[tuple[str, str, F32]]:
         """(name, unit, values (rows, cols)): NaN where nothing is known, but in layers that the scenario gives."""
         unknown = ~self.known
@@ -59,7 +52,7 @@ class Chart:
         return np.broadcast_to(x, self.grid.shape), np.broadcast_to(y[:, None], self.grid.shape)
 
 
-def known_crs(text: str) -> object:
+def known_crs(text: str) -> Any:
     """The CRS that a text names, of pyproj; raises InputError."""
     from pyproj import CRS
     from pyproj.exceptions import CRSError
@@ -68,6 +61,3 @@ def known_crs(text: str) -> object:
         return CRS.from_user_input(text)
     except CRSError:
         raise InputError(f"crs {text[:80]}: unknown to PROJ; name for instance EPSG:32635") from None
-
-
-assert all(name in KINDS for name in LAYERS)

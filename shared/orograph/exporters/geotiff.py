@@ -25,7 +25,7 @@ def _write(path: Path, chart: Chart, options: dict[str, Any]) -> None:
 
     grid, layers = chart.grid, chart.layers()
     left_m, _, _, top_m = grid.extent_m
-    crs = rasterio.crs.CRS.from_wkt(known_crs(chart.crs).to_wkt()) if chart.crs else None  # type: ignore[attr-defined]
+    crs = rasterio.crs.CRS.from_wkt(known_crs(chart.crs).to_wkt()) if chart.crs else None
     with rasterio.open(
         path, "w", width=grid.cols, height=grid.rows, count=len(layers), dtype="float32", nodata=np.nan, crs=crs,
         transform=rasterio.Affine(grid.cell_m, 0.0, left_m, 0.0, -grid.cell_m, top_m), **options,

@@ -20,8 +20,8 @@ def write_ply(path: Path, chart: Chart) -> None:
     x_m, y_m = chart.grid.origin_m
     body = _mesh(chart).export(file_type="ply")
     place = f"comment origin {x_m!r} {y_m!r} crs {' '.join(chart.crs.split()) or 'none'}\n".encode()
-    head, rest = body.split(b"\n", 2)[:2], body.split(b"\n", 2)[2]
-    path.write_bytes(head[0] + b"\n" + head[1] + b"\n" + place + rest)
+    magic, form, rest = body.split(b"\n", 2)
+    path.write_bytes(b"\n".join([magic, form, place + rest]))
 
 
 def write_glb(path: Path, chart: Chart) -> None:
@@ -48,7 +48,7 @@ def _mesh(chart: Chart) -> Any:
 
 def surface(chart: Chart) -> tuple[F64, I64]:
     """Vertices (n, 3) [m] over the known cells' centres and triangles (m, 3) between neighbours, seen from above."""
-    heights = np.asarray(chart.tops_m, np.float64)
+    heights = np.asarray(chart.cells.tops, np.float64)
     told = chart.known & np.isfinite(heights)
     number = np.full(told.shape, -1, np.int64)
     number[told] = np.arange(told.sum())

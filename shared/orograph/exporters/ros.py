@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from orograph.exporters.chart import Chart
-from orograph.layers import BASIC_LAYERS
 
 GRID_MAP, OCCUPANCY_GRID = "grid_map_msgs/msg/GridMap", "nav_msgs/msg/OccupancyGrid"
 TOPICS = {"/grid_map": GRID_MAP, "/map": OCCUPANCY_GRID}
@@ -76,7 +75,7 @@ def grid_map(store: Any, chart: Chart) -> Any:
     )
     return types[GRID_MAP](
         header=_header(store, chart), info=info, layers=[name for name, _, _ in layers],
-        basic_layers=[name for name in BASIC_LAYERS if name == "height"], data=data, outer_start_index=0,
+        basic_layers=["height"], data=data, outer_start_index=0,
         inner_start_index=0,
     )  # fmt: skip
 

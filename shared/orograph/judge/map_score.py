@@ -35,9 +35,8 @@ Judged = npt.NDArray[Any]
 
 
 def top_m(cells: CellMap) -> F64:
-    """The upper surface (rows, cols) [m]: the layer `height_top` where a map has it and knows it, else `height`."""
-    top = _top(cells)
-    return np.where(np.isnan(top), cells.height, top)
+    """The upper surface (rows, cols) [m], whether it bars a cell or not."""
+    return np.asarray(cells.tops, np.float64)
 
 
 def confidence_of(cells: CellMap, truth: MapTruth) -> F64:

@@ -164,23 +164,10 @@ def timeline(events: Sequence[Mapping[str, Any]], lanes: Sequence[str], end_s: f
     )
 
 
-TROUBLE = frozenset(
-    (
-        "stuck",
-        "gave-up",
-        "wheels-spin",
-        "contact",
-        "robot-tipped",
-        "fenced",
-        "store-full",
-        "rejected",
-        "robot-lost",
-        "died",
-        "restarted",
-        "killed",
-        "fault",
-    )
-)
+TROUBLE = frozenset((
+    "stuck", "gave-up", "wheels-spin", "contact", "robot-tipped", "fenced", "store-full", "rejected", "robot-lost",
+    "died", "restarted", "killed", "fault",
+))  # fmt: skip
 """Kinds of events that a reader should look at."""
 
 

@@ -57,12 +57,14 @@ def draw_layer(axes: Axes, grid: Grid, layer: npt.NDArray[Any], norm: Normalize,
     )  # fmt: skip
 
 
-def _zoom(axes: Axes, extent: tuple[float, ...]) -> None:
+def zoom(axes: Axes, extent: tuple[float, ...]) -> None:
+    """Show no more than (x_min, x_max, y_min, y_max) [m]."""
     axes.set_xlim(extent[0], extent[1])
     axes.set_ylim(extent[2], extent[3])
 
 
-def _bar(figure: Figure, axes: Axes, mappable: ScalarMappable, label: str) -> None:
+def add_bar(figure: Figure, axes: Axes, mappable: ScalarMappable, label: str) -> None:
+    """A colour bar beside a layer."""
     bar = figure.colorbar(mappable, ax=axes, shrink=0.7, pad=0.02, aspect=28)
     bar.set_label(label)
     bar.outline.set_linewidth(0.4)
@@ -74,14 +76,14 @@ def occupation_and_confidence(glrm: CellMap, extent: tuple[float, ...]) -> Pictu
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(1, 2)
         shown = draw_layer(left, glrm.grid, glrm.occupation, Normalize(0, 1), palette.OCCUPATION)
-        _bar(figure, left, shown, "occupation [0..1]")
+        add_bar(figure, left, shown, "occupation [0..1]")
         left.set_title("Occupation")
         shown = draw_layer(right, glrm.grid, glrm.confidence, Normalize(0, 255), palette.CONFIDENCE)
-        _bar(figure, right, shown, "confidence [0..255]")
+        add_bar(figure, right, shown, "confidence [0..255]")
         right.contour(*glrm.grid.centres_m(), glrm.confidence, [CONFIDENT], colors=["#ffffff"], linewidths=0.5)
         right.set_title("Confidence")
         for axes in (left, right):
-            _zoom(axes, extent)
+            zoom(axes, extent)
 
     return palette.picture(
         (11.0, 4.9),
@@ -104,9 +106,9 @@ def height_error(grid: Grid, against_surface_m: Layer, against_rule_m: Layer, ex
             ("Against the true surface", "Against the same rules, ideal scans"), strict=True,
         ):  # fmt: skip
             shown = draw_layer(axes, grid, layer, Normalize(-limit, limit), palette.ERROR)
-            _bar(figure, axes, shown, "height error [m]")
+            add_bar(figure, axes, shown, "height error [m]")
             axes.set_title(title)
-            _zoom(axes, extent)
+            zoom(axes, extent)
 
     return palette.picture(
         (11.0, 4.9),
@@ -135,9 +137,9 @@ def changes(
     def draw(figure: Figure) -> None:
         for axes, (title, cells, _, shown), layer in zip(figure.subplots(1, 2), panels, layers, strict=False):
             mapped = draw_layer(axes, cells, layer, Normalize(-limit, limit), palette.ERROR)
-            _bar(figure, axes, mapped, "final minus initial height [m]")
+            add_bar(figure, axes, mapped, "final minus initial height [m]")
             axes.set_title(title)
-            _zoom(axes, shown)
+            zoom(axes, shown)
 
     return palette.picture(
         (11.0, 4.9),
@@ -162,7 +164,7 @@ def surface_changes(glrm: CellMap, changes: Sequence[SurfaceChange], extent: tup
             label = f"{word}: {len(places)}"
             axes.scatter(x_m, y_m, 36, colour, marker=marker, edgecolors=palette.PAPER, linewidths=0.7, label=label)
         axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0))
-        _zoom(axes, extent)
+        zoom(axes, extent)
 
     return palette.picture(
         (7.5, 4.6),
@@ -200,7 +202,7 @@ def robot_paths(
             _path(axes, path, radio, palette.robot_colour(i))
         axes.plot(*base_m, marker="^", ms=8, color=palette.INK, linestyle="none")
         axes.legend(handles=_path_legend(list(paths)), loc="upper left", bbox_to_anchor=(1.01, 1.0), fontsize=9)
-        _zoom(axes, extent)
+        zoom(axes, extent)
 
     return palette.picture(
         (10.0, 6.4),

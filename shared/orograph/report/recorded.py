@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from orograph.arrays import F64
 from orograph.layers import CellMap
 from orograph.report import page, palette
-from orograph.report.maps import draw_layer, shown_extent
+from orograph.report.maps import add_bar, draw_layer, shown_extent, zoom
 from orograph.report.palette import Picture
 from orograph.report.surfaces import height_limits
 from orograph.storage.recorded_map import MapInfo
@@ -36,24 +36,15 @@ def _size(extent: tuple[float, ...], panels: int) -> tuple[float, float]:
     return WIDTH_IN, float(np.clip(WIDTH_IN * 0.86 * high / wide, 2.5, HEIGHT_IN))
 
 
-def top_of(cells: CellMap) -> F64:
-    """Heights (rows, cols) [m] of the upper surface: of what stands, where it is known, else of the ground."""
-    height = np.asarray(cells.height, np.float64)
-    if "height_top" not in cells.by_name:
-        return height
-    return np.where(np.isfinite(cells.height_top), cells.height_top, height)
-
-
 def _heights(cells: CellMap, path_m: F64, extent: tuple[float, ...]) -> Picture:
-    tops = top_of(cells)
+    tops = np.asarray(cells.tops, np.float64)
     low, high = height_limits(tops)
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         norm: Any = Normalize(low, high)
         shown = draw_layer(axes, cells.grid, tops, norm, palette.HEIGHT)
-        bar = figure.colorbar(shown, ax=axes, shrink=0.7, pad=0.02, aspect=28)
-        bar.set_label("height [m]")
+        add_bar(figure, axes, shown, "height [m]")
         x0, y0, x1, y1 = cells.grid.extent_m
         light = LightSource(315, 45).hillshade(np.nan_to_num(tops, nan=low), dx=cells.grid.cell_m, dy=cells.grid.cell_m)
         shade = np.zeros((*light.shape, 4))
@@ -63,8 +54,7 @@ def _heights(cells: CellMap, path_m: F64, extent: tuple[float, ...]) -> Picture:
             axes.plot(path_m[:, 0], path_m[:, 1], color="#ffffff", lw=2.6)
             axes.plot(path_m[:, 0], path_m[:, 1], color=palette.ROBOT_COLOURS[1], lw=1.4)
             axes.plot(*path_m[0, :2], "o", ms=6, mfc=palette.ROBOT_COLOURS[1], mec="#ffffff")
-        axes.set_xlim(extent[0], extent[1])
-        axes.set_ylim(extent[2], extent[3])
+        zoom(axes, extent)
         axes.ticklabel_format(useOffset=False, style="plain")
 
     return palette.picture(
@@ -84,13 +74,9 @@ def _layers(cells: CellMap, extent: tuple[float, ...]) -> Picture:
              "confidence [0..255]"),
         )  # fmt: skip
         for axes, (title, layer, norm, colours, label) in zip(figure.subplots(1, 2), shown, strict=True):
-            bar = figure.colorbar(
-                draw_layer(axes, cells.grid, layer, norm, colours), ax=axes, shrink=0.7, pad=0.02, aspect=28
-            )
-            bar.set_label(label)
+            add_bar(figure, axes, draw_layer(axes, cells.grid, layer, norm, colours), label)
             axes.set_title(title)
-            axes.set_xlim(extent[0], extent[1])
-            axes.set_ylim(extent[2], extent[3])
+            zoom(axes, extent)
             axes.ticklabel_format(useOffset=False, style="plain")
 
     return palette.picture(

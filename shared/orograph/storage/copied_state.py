@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import tempfile
 from contextlib import closing
-from itertools import count
 from pathlib import Path
 
 from orograph.protocol.store import StoreDamaged, StoredState, StoreError
@@ -31,14 +30,14 @@ def whole_copy(store: Path, copy: Path, shape: tuple[int, int] | None = None, tr
     The manager's lock keeps SQLite's own backup out. Without `shape` it is that which the store says. More than `TRIES`
     are made only while commits go on. Raises OSError and StoreError of the last try.
     """
-    for tried in count(1):
-        before_ns = store.stat().st_mtime_ns
+    tried = 0
+    while True:
+        before_ns, tried = store.stat().st_mtime_ns, tried + 1
         try:
             return _copied(store, copy, shape)
         except (OSError, StoreError):
             if tried >= tries or (tried >= TRIES and store.stat().st_mtime_ns == before_ns):
                 raise
-    raise AssertionError("endless")
 
 
 def _copied(store: Path, copy: Path, shape: tuple[int, int] | None) -> StoredState:

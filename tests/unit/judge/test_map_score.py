@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -165,9 +164,9 @@ def test_of_two_layers_the_top_counts_on_roofs_with_its_own_confidence():
     true, flat = truth(), perfect()
     top = np.where(true.roof, true.top_m, np.nan).astype(np.float32)
     top[2, 2] = np.nan  # not known there: what is known is the ground
-    layers = {"height": true.ground_m.astype(np.float32), "height_top": top, "occupation": flat.occupation,
-              "confidence": flat.confidence, "confidence_top": np.where(true.roof, 70.0, 0.0)}  # fmt: skip
-    cells = SimpleNamespace(**layers)
+    layers = {"height": true.ground_m.astype(np.float32), "height_top": top,
+              "confidence_top": np.where(true.roof, 70.0, 0.0).astype(np.float32)}  # fmt: skip
+    cells = CellMap(flat.grid, {**flat.by_name, **layers})
     assert top_m(cells)[2, 2] == true.ground_m[2, 2] and top_m(cells)[3, 3] == true.top_m[3, 3]
     records = judged(cells, true, EVERYWHERE)
     assert sorted(records["error_m"][records["roof"]].tolist()) == [-8.0, 0.0, 0.0, 0.0]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from orograph.importers.scans.fields import scan_of_fields
-from orograph.importers.scans.scan import Scan, ScanError
+from orograph.importers.scans.scan import Scan, ScanError, first_line
 from orograph.importers.scans.trajectory import Trajectory
 from orograph.importers.scans.transforms import Frames
 
@@ -72,8 +72,7 @@ def _opened(path: Path) -> Iterator[Any]:
     except (ScanError, GeneratorExit):
         raise
     except Exception as error:
-        reason = next(iter(str(error).splitlines()), type(error).__name__)
-        raise ScanError(f"{path}: no bag that can be read: {reason[:160]}") from None
+        raise ScanError(f"{path}: no bag that can be read: {first_line(error)[:160]}") from None
 
 
 def _messages(path: Path, topics: Collection[str] = (), kinds: Collection[str] = ()) -> Iterator[tuple[str, Any]]:

@@ -61,15 +61,14 @@ def times_ns(times: npt.NDArray[Any], stamp_ns: int | None) -> tuple[int | None,
     unit = next((ns for ns in sorted(SPAN_MAX, reverse=True) if span <= SPAN_MAX[ns]), None)
     if unit is None or span * unit < 1e6:
         return None
-    if (float(first) * unit < 1e15 and stamp_ns is not None) or float(
-        first
-    ) == 0:  # no clock: it counts from the stamp on
+    from_the_stamp_on = float(first) * unit < 1e15 and stamp_ns is not None
+    if from_the_stamp_on or first == 0:
         return None, _whole(times, unit)
     first_ns = int(first) * unit if times.dtype.kind != "f" else round(float(first) * unit)
     return first_ns, _whole(times - first, unit) + (0 if stamp_ns is None else first_ns - stamp_ns)
 
 
 def _whole(times: npt.NDArray[Any], unit: int) -> I64:
-    return (
-        times.astype(np.int64) * unit if times.dtype.kind != "f" else (times.astype(np.float64) * unit).astype(np.int64)
-    )
+    if times.dtype.kind == "f":
+        return (times.astype(np.float64) * unit).astype(np.int64)
+    return times.astype(np.int64) * unit

@@ -19,9 +19,8 @@ def read(path: Path) -> Scan:
 
 
 def beside(folder: Path, names: tuple[str, ...]) -> Path | None:
-    """A file of one of these names in the folder of scans or up to two above, None where there is none."""
-    places = (folder, folder.parent, folder.parent.parent)
-    return next((place / name for place in places[:2] for name in names if (place / name).is_file()), None)
+    """A file of one of these names in the folder of scans or the one above, None where there is none."""
+    return next((place / name for place in (folder, folder.parent) for name in names if (place / name).is_file()), None)
 
 
 def stamps_ns(folder: Path, scans: int) -> I64 | None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from orograph.importers.scans.fields import scan_of_fields
 from orograph.importers.scans.names import stamp_of_name
-from orograph.importers.scans.scan import Scan, ScanError
+from orograph.importers.scans.scan import Scan, ScanError, first_line
 
 
 def read(path: Path) -> Scan:
@@ -20,12 +20,8 @@ def read(path: Path) -> Scan:
     except OSError:
         raise
     except Exception as error:  # pypcd4 raises whatever its parts raise
-        raise ScanError(f"{path}: no PCD that can be read: {_line(error)}; is it cut off?") from None
+        raise ScanError(f"{path}: no PCD that can be read: {first_line(error)}; is it cut off?") from None
     told, table = cloud.metadata.points, np.atleast_1d(cloud.pc_data)
     if len(table) != told:
         raise ScanError(f"{path}: POINTS says {told}, {len(table)} are there; it is cut off")
     return scan_of_fields(path, table, stamp_of_name(path))
-
-
-def _line(error: Exception) -> str:
-    return next(iter(str(error).splitlines()), type(error).__name__)

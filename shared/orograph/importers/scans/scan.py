@@ -78,6 +78,11 @@ class ScanFiles:
         return scan
 
 
+def first_line(error: Exception) -> str:
+    """What an error says, to be put in a line."""
+    return next(iter(str(error).splitlines()), type(error).__name__)
+
+
 def records(path: Path, columns: int, dtype: str) -> Points:
     """Rows (n, columns) of a file that is nothing but numbers of `dtype`; raises ScanError where they do not fit."""
     size, row = path.stat().st_size, np.dtype(dtype).itemsize * columns

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -91,20 +92,25 @@ def pose_lines(path: Path) -> F64:
     except (OSError, UnicodeDecodeError) as error:
         raise ScanError(f"--poses {path}: cannot be read ({getattr(error, 'strerror', None) or 'no text'})") from None
     rows: list[list[float]] = []
-    for number, line in enumerate(lines, 1):
-        words = line.replace(",", " ").split()
-        if not words or words[0].startswith(("#", "//", "%")):
-            continue
+    for number, words in _told(lines):
         try:
             rows.append([float(word) for word in words])
         except ValueError:
             rows.append([])
         if len(rows[-1]) not in (TUM, KITTI) or len(rows[-1]) != len(rows[0]) or not np.isfinite(rows[-1]).all():
-            wanted = "8 numbers (TUM: time x y z qx qy qz qw) or 12 (KITTI: 3 x 4)"
-            raise ScanError(f"{path}:{number}: expected {wanted}, the same in every line, found {line[:60]!r}")
+            wanted, found = "8 numbers (TUM: time x y z qx qy qz qw) or 12 (KITTI: 3 x 4)", lines[number - 1][:60]
+            raise ScanError(f"{path}:{number}: expected {wanted}, the same in every line, found {found!r}")
     if not rows:
         raise ScanError(f"--poses {path}: holds no poses")
     return np.array(rows)
+
+
+def _told(lines: Iterable[str]) -> Iterator[tuple[int, list[str]]]:
+    """Number, from 1, and words of those lines that are no comments."""
+    for number, line in enumerate(lines, 1):
+        words = line.replace(",", " ").split()
+        if words and not words[0].startswith(("#", "//", "%")):
+            yield number, words
 
 
 def tum(path: Path, rows: F64) -> Trajectory:
@@ -118,14 +124,12 @@ def tum(path: Path, rows: F64) -> Trajectory:
 def _stamps_ns(path: Path, unit: float) -> I64:
     """The first column, exactly: a float64 of Unix seconds holds no more than 0.2 us."""
     stamps = []
-    for line in path.read_text(encoding="utf-8-sig").splitlines():
-        words = line.replace(",", " ").split()
-        if words and not words[0].startswith(("#", "//", "%")):
-            whole, _, fraction = words[0].partition(".")
-            exact = whole.lstrip("-").isdigit() and (fraction.isdigit() or not fraction)
-            nanoseconds = int(f"{fraction:0<9}"[:9]) * (-1 if whole.startswith("-") else 1)
-            stamps.append(int(whole) * round(unit) + (nanoseconds if unit > 1 else 0) if exact
-                          else round(float(words[0]) * unit))  # fmt: skip
+    for _, words in _told(path.read_text(encoding="utf-8-sig").splitlines()):
+        whole, _, fraction = words[0].partition(".")
+        exact = whole.lstrip("-").isdigit() and (fraction.isdigit() or not fraction)
+        nanoseconds = int(f"{fraction:0<9}"[:9]) * (-1 if whole.startswith("-") else 1)
+        stamps.append(int(whole) * round(unit) + (nanoseconds if unit > 1 else 0) if exact
+                      else round(float(words[0]) * unit))  # fmt: skip
     return np.array(stamps, np.int64)
 
 
