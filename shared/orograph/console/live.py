@@ -40,7 +40,7 @@ from orograph.registers import of_robot
 from orograph.rules import Rules
 from orograph.runtime.briefing import Briefing
 from orograph.scene.site import Site
-from orograph.storage.parts import read_events
+from orograph.storage.parts import EventTail
 
 KINDS: Final[tuple[type[Message], ...]] = (Batch, Bodies, Delta, MappingStatus, Pose, Scan)
 """What is listened to."""
@@ -70,6 +70,7 @@ class LiveFilm:
         self._points: dict[str, tuple[int, F64]] = {}
         self._directions = ray_directions(scenario.laser)
         self._rows: dict[str, Packed] = {}
+        self._tail = EventTail(briefing.folder)
         self._events: Sequence[Event] = ()
         self._read_s = -EVENTS_EVERY_S
         self._newest_ns = -1
@@ -171,7 +172,9 @@ class LiveFilm:
     def _read_events(self) -> None:
         now_s = time.monotonic()
         if now_s - self._read_s >= EVENTS_EVERY_S:
-            self._read_s, self._events = now_s, read_events(self._briefing.folder)
+            self._read_s = now_s
+            if news := self._tail.news():
+                self._events = sorted((*self._events, *news), key=lambda event: int(event.get("stamp_ns", 0)))
 
 
 def _yaw_rad(pose: Packed) -> float:

@@ -27,7 +27,7 @@ from orograph.protocol.overheard import OverheardMap
 from orograph.record.topics import Body, Topics
 from orograph.registers import unpack
 from orograph.scene.site import Site
-from orograph.storage.parts import read_events
+from orograph.storage.parts import EventTail
 from orograph.storage.run_folder import next_record, records
 
 RADIO_KINDS: Final = tuple(kind for kind in ALL.values() if any(r.plane == keys.RADIO for r in kind.routes))
@@ -63,7 +63,7 @@ class Recorder:
         self._scanned = {robot: ScanPoseSync(SCAN_WAIT_NS) for robot in site.scenario.robot_ids}
         self._scan_due_ns = dict.fromkeys(self._scanned, 0)
         self._directions = ray_directions(site.scenario.laser)
-        self._now_ns = self._events = 0
+        self._now_ns, self._tail = 0, EventTail(folder)
         self._flushed_s = 0.0
 
     def __enter__(self) -> Self:
@@ -165,13 +165,11 @@ class Recorder:
             self._topics.bodies(scan.stamp_ns, [(f"{robot}/believed", position_m, quaternion(R_map_robot))])
 
     def _note_events(self) -> None:
-        """What is new of the events that the services noted, in the order in which it is found."""
-        events = read_events(self._folder)
-        for event in events[self._events :]:
+        """What is new of the events that the services noted."""
+        for event in self._tail.news():
             self._topics.event(
                 int(event.get("stamp_ns", 0)), str(event.get("robot") or event.get("service")), _line(event)
             )
-        self._events = len(events)
 
 
 def _line(event: Mapping[str, Any]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -167,14 +167,39 @@ def _bytes(out: Path) -> tuple[dict[str, int], dict[str, int]]:
 
 def read_events(out: Path) -> tuple[Mapping[str, Any], ...]:
     """What the services of a run have noted so far, ordered by stamp_ns."""
-    lines = [line for path in sorted(out.glob(run_folder.events_file("*"))) for line in path.read_text().splitlines()]
+    return _ordered(line for path in _event_files(out) for line in path.read_bytes().splitlines())
+
+
+class EventTail:
+    """What the services of a run note while it goes on: each event once, however often one asks."""
+
+    def __init__(self, out: Path) -> None:
+        self._out, self._read = out, Counter[Path]()
+
+    def news(self) -> tuple[Mapping[str, Any], ...]:
+        """What was noted since it was asked last, ordered by stamp_ns; a line that is not complete yet comes later."""
+        return _ordered(line for path in _event_files(self._out) for line in self._lines(path))
+
+    def _lines(self, path: Path) -> list[bytes]:
+        with path.open("rb") as stream:
+            stream.seek(self._read[path])
+            complete, end, _ = stream.read().rpartition(b"\n")
+        self._read[path] += len(complete) + len(end)
+        return complete.splitlines()
+
+
+def _event_files(out: Path) -> list[Path]:
+    return sorted(out.glob(run_folder.events_file("*")))
+
+
+def _ordered(lines: Iterable[bytes]) -> tuple[Mapping[str, Any], ...]:
     return tuple(sorted((e for e in map(_event, lines) if e is not None), key=lambda e: int(e.get("stamp_ns", 0))))
 
 
-def _event(line: str) -> Mapping[str, Any] | None:
+def _event(line: bytes) -> Mapping[str, Any] | None:
     """One event; None for a line cut short by a service's death."""
     try:
         event = json.loads(line)
-    except json.JSONDecodeError:
+    except ValueError:  # no JSON, or no text
         return None
     return event if isinstance(event, dict) else None
