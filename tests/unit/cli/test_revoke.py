@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -26,7 +24,6 @@ from orograph.scene.prior import prior_records
 from orograph.storage.run_folder import SCENARIO, STORE, node_file, write_arrays, write_whole
 from orograph.storage.sqlite_store import SqliteStore
 from polling import until
-from ports import free_port
 
 
 def line(capsys: pytest.CaptureFixture[str], code: int, *argv: str) -> str:
@@ -79,17 +76,6 @@ def test_a_robot_or_folder_that_there_is_not_is_one_line(
 
 
 # --- a running mission --------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def router() -> Iterator[str]:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    process = subprocess.Popen([sys.executable, "-m", "services.router", "--listen", endpoint])
-    try:
-        yield endpoint
-    finally:
-        process.kill()
-        process.wait()
 
 
 def test_it_asks_until_the_manager_says_that_it_is_done(

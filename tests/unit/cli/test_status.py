@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -99,17 +97,6 @@ def test_one_silent_service_is_named() -> None:
 
 
 # --- over a real router -------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def router() -> Iterator[str]:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    process = subprocess.Popen([sys.executable, "-m", "services.router", "--listen", endpoint])
-    try:
-        yield endpoint
-    finally:
-        process.kill()
-        process.wait()
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from bench.map_street import PARKED, PERIOD_NS, STREET, views
 from bench.map_street import Course as StreetCourse
+from made_up.cells import records
 from orograph.geometry import laser_position_m, ray_directions
-from orograph.layers import UNKNOWN_HEIGHT
 from orograph.mapping import RobotMapper
 from orograph.messages import REGISTER, UPDATE, Batch, Hello
 from orograph.protocol.changes import OPEN, STANDS, UNSURE, surface_of
@@ -24,15 +24,6 @@ HOUSE = {"confidence": 50, "confidence_top": 250, "height_top": 9000, "wall_shar
 SLIVER = {**HOUSE, "wall_share": 4, "free_share": 180}
 
 
-def cells(dtype: np.dtype, *given: dict[str, int]) -> np.ndarray:
-    out = np.zeros(len(given), dtype)
-    out["height_top"] = UNKNOWN_HEIGHT
-    for record, fields in zip(out, given, strict=True):
-        for name, value in fields.items():
-            record[name] = value
-    return out
-
-
 class Played:
     """A manager of two robots over an empty plain, and what it told of changes: (cell, since [s], from, to)."""
 
@@ -42,7 +33,7 @@ class Played:
         self.step(0.1, (ROBOT, Hello(b"a" * 16)), (OTHER, Hello(b"b" * 16)))
 
     def restart(self) -> None:
-        prior = cells(UPDATE, *({"cell": i, "confidence": 32, "free_share": 200} for i in range(SIZE)))
+        prior = records(UPDATE, *({"cell": i, "confidence": 32, "free_share": 200} for i in range(SIZE)))
         self.sync = ManagerSync(SHAPE, prior, SURFACE, self.store, [ROBOT, OTHER])
 
     def step(self, seconds: float, *inbox) -> None:
@@ -55,7 +46,7 @@ class Played:
 
     def sees(self, cell: int, surface: dict[str, int], by: str = ROBOT, for_s: float = 7.0) -> None:
         self.seq += 1
-        record = cells(UPDATE, {**surface, "cell": cell, "seq": self.seq, "tick": round(self.now_s * 1e3)})
+        record = records(UPDATE, {**surface, "cell": cell, "seq": self.seq, "tick": round(self.now_s * 1e3)})
         self.step(0, (by, Batch(self.sync.epoch(by), record)))
         for _ in range(round(for_s / 0.5)):
             self.step(0.5)
@@ -65,7 +56,7 @@ class Played:
     ("cell", "surface"), [(ROAD, OPEN), (CAR, STANDS), (HOUSE, STANDS), (SLIVER, UNSURE), ({"confidence": 9}, UNSURE)]
 )
 def test_what_a_cell_says(cell, surface) -> None:
-    assert surface_of(cells(UPDATE, cell)).tolist() == [surface]
+    assert surface_of(records(UPDATE, cell)).tolist() == [surface]
 
 
 def test_what_parks_and_leaves_is_told_once_each_whoever_saw_it() -> None:

@@ -6,8 +6,9 @@ import hashlib
 
 import numpy as np
 import pytest
+from made_up.cells import flat_prior
 from orograph.grid import Grid
-from orograph.messages import CELL, UPDATE, Delta, Digest
+from orograph.messages import CELL, Delta, Digest
 from orograph.protocol.copy import GlrmCopy
 from orograph.protocol.tiles import TileHashes, Tiles, map_hash
 
@@ -15,15 +16,9 @@ SHAPE = (45, 25)
 SIZE = 45 * 25
 
 
-def some_prior() -> np.ndarray:
-    prior = np.zeros(SIZE, UPDATE)
-    prior["cell"], prior["confidence"] = np.arange(SIZE), 32
-    return prior
-
-
 @pytest.fixture
 def copy():
-    return GlrmCopy(SHAPE, some_prior())
+    return GlrmCopy(SHAPE, flat_prior(SIZE))
 
 
 def cells(numbers, version, height) -> np.ndarray:
@@ -109,7 +104,7 @@ def test_digest_of_the_past_is_ignored(copy):
 
 
 def test_tiles_that_differ_are_wanted_and_repair_them(copy):
-    manager = GlrmCopy(SHAPE, some_prior())
+    manager = GlrmCopy(SHAPE, flat_prior(SIZE))
     manager.take_delta(beat(0, 1, cells([20, 21], 1, 5)))
     copy.take_delta(beat(0, 1, cells([], 1, 5)))
     copy.take_digest(digest_of(manager, 1))
@@ -139,7 +134,7 @@ def test_another_life_is_followed_once_it_answers_and_confirmed_by_a_digest(copy
 
 
 def test_another_life_is_asked_for_the_tiles_that_differ(copy):
-    manager = GlrmCopy(SHAPE, some_prior())
+    manager = GlrmCopy(SHAPE, flat_prior(SIZE))
     for each in (copy, manager):
         each.take_delta(beat(0, 5, cells([3], 5, 5)))
     manager.take_delta(beat(5, 6, cells([24], 6, 8)))
@@ -152,7 +147,7 @@ def test_another_life_is_asked_for_the_tiles_that_differ(copy):
 
 
 def test_an_empty_map_of_another_life_replaces_what_an_earlier_one_knew(copy):
-    empty = GlrmCopy(SHAPE, some_prior())
+    empty = GlrmCopy(SHAPE, flat_prior(SIZE))
     copy.take_delta(beat(0, 500, cells([3, 24], 500, 5), epoch=7))
     copy.take_digest(digest_of(empty, 0, epoch=2))
     answered_by(copy, 2)
@@ -201,7 +196,7 @@ TRAPS = [
 @pytest.mark.parametrize("trap", TRAPS, ids=["version", "gap", "cell", "answer"])
 def test_a_lie_about_versions_holds_for_some_digests_only(copy, trap):
     """Forged in the name of the life that is followed: what comes after must be believed again, soon."""
-    manager = GlrmCopy(SHAPE, some_prior())
+    manager = GlrmCopy(SHAPE, flat_prior(SIZE))
     for each in (copy, manager):
         each.take_delta(beat(0, 1, cells([3], 1, 5)))
     copy.take_delta(trap)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_up.cells import records
 from oracles.fold_oracle import fold_cell
-from oracles.surface_oracle import NAMES, NO_TOP, fold_surfaces
+from oracles.surface_oracle import NAMES, fold_surfaces
 from orograph.layers import BASIC_LAYERS, HEIGHT, MAPPED_LAYERS, UNKNOWN_GRADIENT
 from orograph.messages import ROBOT_REGISTER, UPDATE
 from orograph.protocol.explained import PRIOR, Explanation, explain
@@ -29,15 +30,6 @@ rule_sets = st.builds(
     Rules, st.sampled_from([0.977, 60.0, np.inf]), st.sampled_from([0.3, 1.0, np.inf]),
     printed_equation_12=st.booleans(), two_surfaces=st.booleans(),
 )  # fmt: skip
-
-
-def records(dtype: np.dtype, *cells: dict[str, int]) -> np.ndarray:
-    out = np.zeros(len(cells), dtype)
-    out["height_top"] = NO_TOP
-    for record, cell in zip(out, cells, strict=True):
-        for name, value in cell.items():
-            record[name] = value
-    return out
 
 
 def told(prior: dict[str, int], *registers: dict[str, int], rules: Rules = GATED) -> Explanation:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_up.cells import flat_prior
 from orograph.messages import UPDATE, Ack, Batch, CellsRequest, Delta, Digest, Fenced, Hello, Pose, Welcome
 from orograph.protocol.limits import LIMITS, Limits
 from orograph.protocol.manager import ManagerSync
@@ -14,12 +15,6 @@ SHAPE = (40, 40)
 SIZE = 1600
 A, B = "robot_001", "robot_002"
 NO_TILES = np.zeros(0, "<u2")
-
-
-def some_prior() -> np.ndarray:
-    prior = np.zeros(SIZE, UPDATE)
-    prior["cell"], prior["confidence"] = np.arange(SIZE), 32
-    return prior
 
 
 def records(cells, seq=1, height=100, tick=0, confidence=50) -> np.ndarray:
@@ -38,7 +33,7 @@ class Played:
         self.restart()
 
     def restart(self):
-        self.sync = ManagerSync(SHAPE, some_prior(), SURFACE, self.store, [A, B], limits=self.limits)
+        self.sync = ManagerSync(SHAPE, flat_prior(SIZE), SURFACE, self.store, [A, B], limits=self.limits)
 
     def step(self, *inbox, seconds=0.1):
         self.now_ns += round(seconds * 1e9)
@@ -280,7 +275,7 @@ def test_no_number_of_a_life_or_an_epoch_is_given_twice_by_different_stores():
     for draw in (70_000, 1_900_000_000):
         manager = Played()
         for life in range(3):
-            manager.sync = ManagerSync(SHAPE, some_prior(), SURFACE, manager.store, [A, B], draw=draw + life)
+            manager.sync = ManagerSync(SHAPE, flat_prior(SIZE), SURFACE, manager.store, [A, B], draw=draw + life)
             manager.step((A, Hello(bytes([life]) * 16)), (B, Hello(b"b" * 16)))
             lives.append(manager.sync.manager_epoch)
             epochs.append(manager.sync.epoch(A))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_up.cells import flat_prior
 from orograph.messages import UPDATE, Ack, Batch, CellsRequest, Delta, Hello, Welcome
 from orograph.protocol.fold import fold_registers
 from orograph.protocol.manager import ManagerSync
@@ -15,12 +16,6 @@ from orograph.rules import SURFACE
 
 SHAPE, SIZE = (4, 5), 20
 A, B = "robot_001", "robot_002"
-
-
-def some_prior() -> np.ndarray:
-    prior = np.zeros(SIZE, UPDATE)
-    prior["cell"], prior["confidence"] = np.arange(SIZE), 32
-    return prior
 
 
 def records(cells, seq=1, height=100, tick=0, confidence=50) -> np.ndarray:
@@ -41,7 +36,7 @@ class Played:
         self.sent.clear()
 
     def restart(self) -> None:
-        self.sync = ManagerSync(SHAPE, some_prior(), SURFACE, self.store, [A, B])
+        self.sync = ManagerSync(SHAPE, flat_prior(SIZE), SURFACE, self.store, [A, B])
 
     def step(self, *inbox, seconds=0.6) -> None:
         self.now_ns += round(seconds * 1e9)
@@ -61,7 +56,7 @@ def test_the_map_is_the_one_without_it_and_the_change_goes_out_as_any_other(play
     registers, version, commits = played.sync.registers(), played.sync.version, played.store.commits
     played.sync.revoke(A)
     played.step()
-    without = fold_registers(some_prior(), registers[registers["robot"] == 2], SURFACE)
+    without = fold_registers(flat_prior(SIZE), registers[registers["robot"] == 2], SURFACE)
     assert played.sync.hash() == map_hash(without) and played.sync.revoked == (A,)
     assert played.store.commits == commits + 1 and played.sync.version == version + 1
     (beat,) = played.took(Delta)

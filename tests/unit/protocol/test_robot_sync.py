@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from made_up.cells import flat_prior
 from orograph.messages import (
     ACKED,
     CELL,
@@ -25,12 +26,6 @@ SHAPE = (40, 40)
 SIZE = 1600
 NONCE = bytes(range(16))
 S = 1_000_000_000
-
-
-def some_prior() -> np.ndarray:
-    prior = np.zeros(SIZE, UPDATE)
-    prior["cell"], prior["confidence"] = np.arange(SIZE), 32
-    return prior
 
 
 def records(cells, height=100, tick=0) -> np.ndarray:
@@ -60,7 +55,7 @@ class Played:
     """A robot, a clock and what it sent."""
 
     def __init__(self, seed=1):
-        self.sync = RobotSync("robot_001", SHAPE, some_prior(), NONCE, seed)
+        self.sync = RobotSync("robot_001", SHAPE, flat_prior(SIZE), NONCE, seed)
         self.now_ns = 0
         self.sent = []
 
